@@ -1,8 +1,8 @@
 """Publishes a test person on a ROS 2 topic, to test the node's ``kind: ros2`` or as a template.
 
-Needs only ROS 2 (Jazzy or later); ``--message ros4hri`` also hri_msgs and tf2_msgs, ``--message
-zed`` also zed_msgs. Stamp each capture with the camera's exposure time, and publish every capture,
-even if no person is present.
+Needs only ROS 2 (Jazzy or later); ``--message ros4hri`` also hri_msgs and tf2_msgs,
+``--message zed`` also zed_msgs. Stamp each capture with the camera's exposure time, and publish
+every capture, even if no person is present.
 """
 
 import argparse

@@ -151,7 +151,7 @@ class Reason(IntEnum):
     )
     BODY_NOT_UPRIGHT = Row(
         29,
-        "a body floats in the air, is upside down or mirrored, or is not on the floor or not in "
+        "a body lies in the air, is upside down or mirrored, or is not on the floor or not in "
         "view (check the axes)",
         "bodies are standing, sitting or lying on the floor",
         Kind.INPUT,

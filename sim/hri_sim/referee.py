@@ -1,6 +1,8 @@
-"""Measures the true distances and touches between people and robots. Unlike the node, the referee
-knows the true positions of every body and of the arm. Bodies are capsules with their real radii,
-without any margin. A joint that is missing in the recording is skipped, never guessed.
+"""Measures the true distances and touches between people and robots.
+
+Unlike the node, the referee knows the true positions of every body and of the arm. Bodies are
+capsules with their real radii, without any margin. A joint that is missing in the recording is
+skipped, never guessed.
 """
 
 import math
@@ -31,8 +33,9 @@ Joints = Mapping[str, tuple[Floats, Floats]]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Contact:
-    """Touches of people and one robot between two observations. Arrays have P people and K
-    instants.
+    """Touches of people and one robot between two observations.
+
+    Arrays have P people and K instants.
 
     Attributes:
         robot: name of the robot.

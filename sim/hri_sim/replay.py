@@ -1,7 +1,7 @@
 """Plays a recording as a source (``kind: recording``): motion files, and the node's own MCAP.
 
 A motion file has one person, who is always in view. An MCAP recording plays as it was received:
-    several people with their ids, and blind, late and lost scenes.
+several people with their ids, and blind, late and lost scenes.
 """
 
 import bisect
@@ -264,9 +264,10 @@ def _find(path: str, base_dir: Path | None) -> Path:
 
 
 def _zero(kind: str, first: Scene, arrival_ns: int) -> int:
-    """Return the start time of the recording: the first arrival, or the first capture if that is
-    later. The source of an MCAP recording may have had its own clock. Captures then keep their
-    offset from the arrivals.
+    """Return the recording's start time: the first arrival, or the first capture if later.
+
+    The source of an MCAP recording may have had its own clock. Captures then keep their offset from
+    the arrivals.
     """
     if kind == "mcap" and abs(arrival_ns - first.stamp_ns) < 1_000_000_000:
         return min(arrival_ns, first.stamp_ns)

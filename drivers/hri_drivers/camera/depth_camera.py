@@ -20,9 +20,10 @@ FACTORY_FOCAL_ERROR = 0.01
 
 
 class DepthCamera(ABC):
-    """An ``Input`` whose images have depth, aligned with the colours. A lost device is reopened.
-    A subclass provides ``_open``, ``_take`` and ``_stop``; an error that the maker's package raises
-    in them is an interruption.
+    """An ``Input`` whose images have depth, aligned with the colours.
+
+    A lost device is reopened. A subclass provides ``_open``, ``_take`` and ``_stop``; an error that
+    the maker's package raises in them is an interruption.
 
     Args:
         rate_hz: images per second; None: 30.

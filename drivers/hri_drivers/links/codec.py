@@ -19,8 +19,9 @@ class Codec(Protocol[U]):
         """Whether this kind of link carries the message."""
 
     def watch(self, own: OwnFrames) -> None:
-        """Act as the node's end from now on, and report every sent frame to ``own``. ``own`` also
-        gets received frames with ids that only a node sends; they are not decoded.
+        """Act as the node's end from now on, and report every sent frame to ``own``.
+
+        ``own`` also gets received frames with ids that only a node sends; they are not decoded.
         """
 
     def encode(self, message: Message) -> list[U]:

@@ -44,8 +44,8 @@ def page(cells: int, seconds: float) -> dict[str, Any]:
 
     Returns:
         ``cpu_s_per_s``: seconds of processor time per second, for ``hri-predict fleet``, its page's
-            process, and the process that plays all cells; ``memory_mib``: memory of the first two
-            processes, at the end;
+        process, and the process that plays all cells; ``memory_mib``: memory of the first two, at
+        the end;
         ``number_ms``: time from a link's ``post`` of an Advice until an event that shows it, or a
         newer one, has arrived: p50, p99 and max; ``change_ms``: the same time for Advice that
         changes the level, ``None`` without any; ``unshown``: Advice messages that no event showed;

@@ -1,5 +1,6 @@
-"""Section ``predictors`` and ``bench predictors``: the duration of a forecast. The section also
-measures forecasts in a hot loop, the start-up time, and memory.
+"""Section ``predictors`` and ``bench predictors``: the duration of a forecast.
+
+The section also measures forecasts in a hot loop, the start-up time, and memory.
 """
 
 import time
@@ -59,9 +60,9 @@ def predictors(
     """Measure each predictor's forecasts, 25 a second as the node makes them, by engine.
 
     The engines take turns, so that other programs disturb them equally: compare ratios, never times
-        from two runs. The floor is the time of the network's matrix products alone, at the rate
-        that one core reaches in a large product: no program is faster, and a good one takes two or
-        three times as long.
+    from two runs. The floor is the time of the network's matrix products alone, at the rate that
+    one core reaches in a large product: no program is faster, and a good one takes two or three
+    times as long.
 
     Example: hri-predict bench predictors --predictor sinn
     """

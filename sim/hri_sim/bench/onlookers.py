@@ -1,9 +1,9 @@
 """Observers of a node while it is measured: both screens, a reader of each, and three alert hooks.
 
 The hooks fail slowly: two servers accept the connection and never answer, and a command never
-    exits. The process reads the data that the 3D view and the operator's page send to a browser,
-    but draws nothing, because a browser would run on another computer. For the same reason the
-    process has the lowest priority.
+exits. The process reads the data that the 3D view and the operator's page send to a browser, but
+draws nothing, because a browser would run on another computer. For the same reason it has the
+lowest priority.
 """
 
 import contextlib

@@ -173,8 +173,7 @@ _WALK_TICKS = 50  # people come into view and walk up; then the next people come
 
 
 def risk_calls() -> tuple[Callable[[], object], Callable[[], object]]:
-    """Return two calls to be timed: computing the zones of people who walk up to two arms, and
-    judging them.
+    """Return two calls to time: the zones of people who walk up to two arms, and their judgement.
 
     The first call computes the zones of the next tick, with the shipped calibration and the
     self-check. The second judges the last tick. The plan of only one arm is known. The

@@ -60,11 +60,11 @@ def plants(
     seconds: SecondsOption = 20.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure RTDE, Modbus and OPC UA: the time from posting an advice until another process has
-    received it; then, for Modbus and OPC UA, the time from a controller's write of its state until
-    the node has read it. The other end of RTDE is `python -m hri_sim.rtde`; the Modbus client polls
-    every 10 ms, and the OPC UA client subscribes. This runs in real time, so other programs disturb
-    it.
+    """Measure RTDE, Modbus and OPC UA: time from posting an advice until another process has it.
+
+    Then, for Modbus and OPC UA, the time from a controller's write of its state until the node has
+    read it. The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10 ms,
+    that of OPC UA subscribes. This runs in real time, so other programs disturb it.
 
     Example: hri-predict bench plants --seconds 5
     """
@@ -89,11 +89,9 @@ def costs(seconds: float) -> Iterator[dict[str, Any]]:
     """Yield a row of each link.
 
     ``latency_ms``: time from ``post`` until the other end has the Advice: p50, p99 and max;
-        ``sent``,
-    ``heard``: numbers of Advice; ``superseded``: number that a newer one replaced in the link. For
-        the clients, the time from the controller's write of a state until the link has it;
-        ``sent``: readings,
-    ``heard``: readings with a new state.
+    ``sent``, ``heard``: numbers of Advice; ``superseded``: number that a newer one replaced in the
+    link. For the clients, the time from the controller's write of a state until the link has it;
+    ``sent``: readings, ``heard``: those with a new state.
     """
     yield {"link": "rtde, 125 Hz", **_rtde(seconds)}
     yield {"link": "modbus, polled every 10 ms", **_modbus(seconds)}

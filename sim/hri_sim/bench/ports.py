@@ -1,10 +1,8 @@
-"""``bench ports``: one node with ROS 2, a robot on RTDE, a PLC on Modbus and a CAN bus at the same
-time.
+"""``bench ports``: one node with ROS 2, a robot by RTDE, a PLC by Modbus and a CAN bus at once.
 
 Each far end is a separate process: a ROS 2 node that publishes people, the simulated RTDE
-    controller, a Modbus client that polls, a CAN receiver, and a bare loop that shows the machine's
-    own jitter. Then the same cell runs with only the CAN bus and with people simulated within the
-    node.
+controller, a Modbus client that polls, a CAN receiver, and a bare loop that shows the machine's own
+jitter. Then the same cell runs with only the CAN bus and with people simulated within the node.
 """
 
 import contextlib
@@ -52,8 +50,10 @@ def ports(
     predictor: Annotated[str, typer.Option(help="Predictor of both cells.")] = "sinn",
     as_json: JsonOption = False,
 ) -> None:
-    """Run one node with ROS 2, RTDE, Modbus and CAN at the same time, then with CAN alone. Each far
-    end is a separate process on this machine. This runs in real time, so other programs disturb it.
+    """Run one node with ROS 2, RTDE, Modbus and CAN at the same time, then with CAN alone.
+
+    Each far end is a separate process on this machine. This runs in real time, so other programs
+    disturb it.
 
     Example: hri-predict bench ports --minutes 0.5
     """
@@ -68,9 +68,8 @@ def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
     """Yield a row of each receiver: all ports at once, then CAN alone.
 
     ``heard``: number of Advice, or of states of the registers; ``lost``: number of skipped cycles,
-        heartbeats or watchdog counts; ``deviation_ms``: deviation of the intervals from the period;
-        ``age_ms``: age stated in the advice; the last two are ``None`` for a port without such a
-            figure.
+    heartbeats or watchdog counts; ``deviation_ms``: deviation of the intervals from the period;
+    ``age_ms``: age stated in the advice; both ``None`` if a port has none.
     """
     need_extra("pymodbus", "modbus")
     need_extra("rclpy", "ros2")

@@ -8,8 +8,10 @@ GROUPS = ("loop", "busiest other thread", "other threads", "helper processes")
 
 
 def processor_time(pid: int) -> dict[str, float]:
-    """Return the processor seconds since start: ``all``, and by group. ``loop`` is the first
-    thread, in which the node's loop runs; helper processes are all descendants.
+    """Return the processor seconds since start: ``all``, and by group.
+
+    ``loop`` is the first thread, in which the node's loop runs; helper processes are all
+    descendants.
     """
     threads = dict(_threads(pid))
     loop = threads.pop(pid, 0.0)

@@ -1,7 +1,8 @@
-"""The other processes of ``heard``: a receiver at the end of a wire, and a bare loop. The bare loop
-only sleeps until an absolute deadline and writes a byte into a pipe. The receiver records the
-arrival of the node's messages and of the bare loop's bytes in the same way, so that both include
-its own lateness.
+"""The other processes of ``heard``: a receiver at the end of a wire, and a bare loop.
+
+The bare loop only sleeps until an absolute deadline and writes a byte into a pipe. The receiver
+records the arrival of the node's messages and of the bare loop's bytes in the same way, so that
+both include its own lateness.
 """
 
 import gc
@@ -162,9 +163,10 @@ class Heard:
 
 def hear(pipe: Connection, wire: str, loop: Connection) -> dict[str, Any]:
     """Receive a node's messages at the end of a wire, and the bytes of a bare loop; for ``child``.
-    The process sends the node's entry of ``links:``, then the arrival time of the first advice of a
-    running node, and finally reports everything received. Units are decoded on arrival up to that
-    advice; later ones are decoded at the end, so that decoding delays no stamp.
+
+    It sends the node's entry of ``links:``, then the arrival time of the first advice of a running
+    node, and finally reports everything received. Units are decoded on arrival up to that advice;
+    later ones are decoded at the end, so that decoding delays no stamp.
     """
     ear = EARS[wire]()
     heard, kept, bare = Heard(ear.receiver), list[Stamped](), list[int]()

@@ -1,5 +1,6 @@
-"""Sections ``jitter``, ``load`` and ``start``: a running node, as another process observes it. All
-three use the same runs; a bench makes each run once.
+"""Sections ``jitter``, ``load`` and ``start``: a running node, as another process observes it.
+
+All three use the same runs; a bench makes each run once.
 """
 
 import subprocess

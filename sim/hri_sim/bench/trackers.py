@@ -71,8 +71,7 @@ def trackers(
     predictor: Annotated[str, typer.Option(help="Name of the predictor to measure.")] = "sinn",
     as_json: JsonOption = False,
 ) -> None:
-    """Let people walk up to a robot and away, observed by several trackers with several kinds of
-    noise.
+    """Let people walk up to a robot and away, seen by several trackers with several kinds of noise.
 
     The whole node runs on the virtual clock, in modes predictive and iso. Exit status 1 if a robot
     was advised "clear" too close to a person, or touched a person while it moved.

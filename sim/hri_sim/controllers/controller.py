@@ -2,8 +2,8 @@
 
 The rule: the robot may not move if the link is silent or the advice is stale, corrupt, out of
 order, of an unknown schema, or has any level other than *clear*, *warn* or *slow*. The controller
-    checks all input before use: counter and CRC of every message, the hash of the schema before it
-    accepts other messages, and the age of every advice.
+checks all input before use: counter and CRC of every message, the hash of the schema before it
+accepts other messages, and the age of every advice.
 
 The controller shares no clock with the node. An advice carries its age at encoding, and the
 controller measures the time since receipt. The echo bounds the time on the link: an advice that
@@ -259,7 +259,8 @@ class ControllerCore(Generic[U]):
             now_ns: controller's clock.
             q, qd: (N,) rad and rad/s, m and m/s, the coordinates of a moving base first; ``None``
                 while unknown: then nothing is sent.
-            said: further content of RobotState. mounted: the tool.
+            said: further content of RobotState.
+            mounted: the tool.
         """
         units: list[U] = []
         if self._next_state_ns is None:

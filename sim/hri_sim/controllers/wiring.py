@@ -2,8 +2,7 @@
 
 A monitor sends the drive a hard-wired speed permit, like a second safety channel in a real cell.
 This wire is simulated by a small file that both processes map into memory. A permit that is
-missing, torn
-or older than ``PERMIT_STALE_S`` reads as 0: a dead monitor stops the robot.
+missing, torn or older than ``PERMIT_STALE_S`` reads as 0: a dead monitor stops the robot.
 
 The same file carries the arm's true joint state, which the monitor reports and the referee uses. On
 the virtual clock, plain values replace the file.
@@ -36,8 +35,7 @@ _REGISTER = 2 * _SLOT
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The arm's true state: (N,) rad and rad/s, m and m/s, at ``stamp_ns``; a moving base comes
-    first.
+    """The arm's true state: (N,) rad and rad/s, m and m/s, at ``stamp_ns``; a moving base first.
 
     ``path_s`` is its position along the path. ``mounted`` is its tool, as reported by its
     controller.

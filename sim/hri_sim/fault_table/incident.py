@@ -40,8 +40,8 @@ class Incident:
         modes: risk modes in which it is played.
         not_clear: time in which no robot may be advised *clear*.
         not_moving: time in which every robot must be advised to stand; *clear* is not allowed.
-        moving: time in which some advice must permit motion, so that the cell stays usable. says:
-            reasons that must each be given at some tick.
+        moving: time in which some advice must permit motion, so that the cell stays usable.
+        says: reasons that must each be given at some tick.
         never_says: reasons that must not be given.
         prepare: modifies the assembled node before it starts, for example makes a controller lie.
     """

@@ -1,5 +1,6 @@
-"""Faults of a polled robot state: their effect on the node's knowledge of the robot. The server is
-``hri_sim.robot_server`` in a separate process; its arm swings.
+"""Faults of a polled robot state: their effect on the node's knowledge of the robot.
+
+The server is ``hri_sim.robot_server`` in a separate process; its arm swings.
 """
 
 import time

@@ -47,8 +47,9 @@ _LIES: tuple[Mapping[str, Any], ...] = (
 
 
 def draw_faults(seed: int, seconds: float, links: Sequence[str]) -> list[str]:
-    """Draw faults at random times for source and links, in the form of the command line. A renamed
-    id moves to another person, and its former owner is not seen during that time.
+    """Draw faults at random times for source and links, in the form of the command line.
+
+    A renamed id moves to another person, and its former owner is not seen during that time.
     """
     rng = np.random.default_rng(seed)
     found, start_s = [], QUIET_S
@@ -153,9 +154,10 @@ def run_soak(hours: float, seed: int = 0, speed: float | None = None) -> dict[st
 
 
 def _scene(base: Config) -> Config:
-    """Return the demo's cell: one person works near the robot, and the demo's own person comes and
-    goes. The person near the robot takes a step now and then: a body that did not move for hours
-    would stay *unknown* once the tracker had invented it.
+    """Return the demo's cell: one person works near the robot, the demo's own comes and goes.
+
+    The person near the robot takes a step now and then: a body that did not move for hours would
+    stay *unknown* once the tracker had invented it.
     """
     data = base.source.model_dump()
     script = [

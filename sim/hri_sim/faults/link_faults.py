@@ -35,8 +35,7 @@ STATUS = Status(node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, pred
 
 
 class EmptyRoom:
-    """Sends *clear* to every robot whose RobotState it receives, and echoes the state as a node
-    does.
+    """Sends *clear* to every robot whose RobotState it receives, and echoes the state like a node.
 
     Args:
         base_id: base of the arbitration ids.
@@ -178,8 +177,9 @@ class Unplug(LinkFault):
 
 
 class SecondSender(LinkFault):
-    """A second node with the same ids sends *clear*; ``direction`` states the receivers. ``out``:
-    the controllers; ``in``: the first node.
+    """A second node with the same ids sends *clear*; ``direction`` states the receivers.
+
+    ``out``: the controllers; ``in``: the first node.
     """
 
     base_id: int = Field(DEFAULT_BASE_ID, ge=0, description="base of its arbitration ids")

@@ -19,7 +19,7 @@ class MadeUp(FaultSettings):
     """The tracker has lost all people and continues to send them, with fresh noise.
 
     ``how`` is ``hold``: repeat the last skeleton; ``coast``: move it on at ``velocity``; or
-        ``loop``: repeat the last ``captures`` captures.
+    ``loop``: repeat the last ``captures`` captures.
     """
 
     soak = ("how=hold", "how=coast", "how=loop,captures=12")

@@ -23,7 +23,7 @@ SIN_45 = 0.5**0.5
 
 
 class GrowingDelay(Delay):
-    """Scenes arrive late, with a delay that grows by ``growth``; their capture stamps are true."""
+    """Scenes arrive late, by ``growth`` seconds more each second; their capture stamps are true."""
 
     soak = ("delay_s=0.05", "delay_s=0.6")
 
@@ -59,9 +59,11 @@ class NamedPeopleFault(PeopleFault):
 
 
 class Freeze(FaultSettings):
-    """The source repeats its last scene. ``what`` is ``sequence``: the identical scene, including
-    sequence and stamp; or ``joints``: sequence and stamp continue while the joints stay
-    bit-identical, as with a hung camera and a live driver.
+    """The source repeats its last scene.
+
+    ``what`` is ``sequence``: the identical scene, including sequence and stamp; or ``joints``:
+    sequence and stamp continue while the joints stay bit-identical, as with a hung camera and a
+    live driver.
     """
 
     soak = ("", "what=joints")

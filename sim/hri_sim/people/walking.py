@@ -82,8 +82,9 @@ class Path:
 
 
 def _cubic(b: Any, h: Any, p: Floats, q: Floats, *, derivative: bool) -> Floats:
-    """Return the position or derivative at fraction ``b`` of a span ``h`` between two knots. ``p``,
-    ``q``: positions and second derivatives at the two knots.
+    """Return the position or derivative at fraction ``b`` of a span ``h`` between two knots.
+
+    ``p``, ``q``: positions and second derivatives at the two knots.
     """
     a = 1.0 - b
     if derivative:

@@ -1,6 +1,7 @@
-"""The RTDE port of the simulated controller, protocol version 2. Written from the tables of
-Universal Robots' "Real-Time Data Exchange (RTDE) Guide" alone, without the link's code, so that
-each checks the other.
+"""The RTDE port of the simulated controller, protocol version 2.
+
+Written from the tables of Universal Robots' "Real-Time Data Exchange (RTDE) Guide" alone, without
+the link's code, so that each checks the other.
 """
 
 import asyncio
@@ -42,8 +43,8 @@ class Behaviour:
     Attributes:
         refuse_version: refuse protocol version 2.
         lacks: names of inputs and outputs that it does not know.
-        silent_after_s: seconds after a client's start at which data packages stop. garbage_after_s:
-            seconds after a client's start at which bytes that are not RTDE are sent.
+        silent_after_s: seconds after a client's start at which data packages stop.
+        garbage_after_s: seconds after a client's start at which bytes that are not RTDE are sent.
         piece: send each packet in pieces of this many bytes; 0: whole.
         frozen: keep the time stamp constant.
     """

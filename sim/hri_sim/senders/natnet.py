@@ -129,7 +129,8 @@ class Motive:
     """A server on this machine, in unicast: answers a client, and sends frames to it.
 
     Args:
-        skeletons: names by id. port: command port; 0: any free port.
+        skeletons: names by id.
+        port: command port; 0: any free port.
 
     Attributes:
         port: command port.

@@ -18,7 +18,7 @@ TOPIC, FRAME = "/hri_bench/people", "map"
 
 
 class Ros2End(LiveEnd):
-    """Return a ``PoseArray`` of all people."""
+    """Sends a ``PoseArray`` of all people."""
 
     checked = False
 

@@ -1,4 +1,5 @@
 """The node's knowledge of people, tick by tick: computed once per motion, then moved to each place.
+
 Forecasts and zones depend neither on robots nor on a motion's place on the floor: the stages are
 equivariant under turns about z and moves over the floor. Each motion therefore runs once through
 the real stages in its own frame, and an episode moves the results.

@@ -1,4 +1,5 @@
 """True course of an episode: recorded tick by tick, and judged afterwards, many ticks at once.
+
 Recorded people do not react, so their true positions do not depend on the robot and are computed
 once for all episodes of a scenario. The referee does not act either, so it can judge afterwards, on
 arrays long enough for numpy to be efficient.

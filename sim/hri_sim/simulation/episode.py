@@ -85,8 +85,8 @@ def run_episode(
         scenario: the approach.
         variant: the way to judge risk.
         bodies: the people as the node knows them, in the room frame.
-        truth: true positions of the people, if shared with other episodes of the scenario. nobody:
-            show the node an empty room, so that the robot works as if alone. This gives the
+        truth: true positions of the people, if shared with other episodes of the scenario.
+        nobody: show the node an empty room, so that the robot works as if alone. This gives the
             unprotected course and the productivity of an empty cell.
     """
     config = with_scenario(cell.config_of(variant), scenario)

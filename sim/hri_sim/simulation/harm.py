@@ -1,7 +1,8 @@
-"""Consequences of touches by a moving robot: speed and body part of each touch. The speed of a
-touch is that of the robot's fastest point, an upper bound for the touching link. The *relative*
-speed adds the speed of the body part. Recorded people do not react: they walk on through a robot
-that touches them, so a touch may go deeper, and reach other parts, than in reality.
+"""Consequences of touches by a moving robot: speed and body part of each touch.
+
+The speed of a touch is that of the robot's fastest point, an upper bound for the touching link. The
+*relative* speed adds the speed of the body part. Recorded people do not react: they walk on through
+a robot that touches them, so a touch may go deeper, and reach other parts, than in reality.
 """
 
 from collections.abc import Mapping, Sequence

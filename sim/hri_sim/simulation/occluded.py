@@ -1,9 +1,9 @@
 """People lost by cameras: episodes behind boxes and behind each other, through the whole node.
 
 Each episode draws from its seed: a camera (or two), one to three people who walk to a place near
-    the robot, stay there, reach into its path and leave; boxes that hide the places from the
-    camera; the camera's rate; and whether people get other ids when found again. No earlier results
-    are reused: people, zones, links, controllers, arm and referee run as with ``--speed max``.
+the robot, stay there, reach into its path and leave; boxes that hide the places from the camera;
+the camera's rate; and whether people get other ids when found again. No earlier results are reused:
+people, zones, links, controllers, arm and referee run as with ``--speed max``.
 """
 
 import math

@@ -45,7 +45,7 @@ def disagreement(cell: Cell, scenario: Scenario, variant: Variant, log: Log) -> 
 
 
 Stops = list[tuple[float, str]]
-"""Return time (s) and cause of each stop."""
+"""Time (s) and cause of each stop."""
 
 
 def _stops(events: Iterable[tuple[float, str, float]]) -> Stops:

@@ -1,5 +1,6 @@
-"""The far end of a serial line, as a separate process that reads bytes at the rate of the wire. A
-pseudo-terminal accepts everything that fits immediately; a serial line takes one bit at a time.
+"""The far end of a serial line, as a separate process that reads bytes at the rate of the wire.
+
+A pseudo-terminal accepts everything that fits immediately; a serial line takes one bit at a time.
 ``drain`` makes a pseudo-terminal behave like a serial line: a byte leaves the buffer when its last
 bit would have left the sender. The USB side of a CAN adapter takes bytes immediately.
 """
@@ -36,9 +37,10 @@ class Drained:
 
 
 def drain(fd: int, bytes_per_s: float, until: Callable[[float | None], bool]) -> Drained:
-    """Read the bytes that arrive at ``fd``, no faster than the wire would deliver them. ``until``
-    waits for the end or for bytes at ``fd``, at most for the given seconds (``None``: without
-    limit); it returns whether the end was reached.
+    """Read the bytes that arrive at ``fd``, no faster than the wire would deliver them.
+
+    ``until`` waits for the end or for bytes at ``fd``, at most for the given seconds (``None``:
+    without limit); it returns whether the end was reached.
     """
     drained, began = Drained(), time.monotonic()
     last, credit = began, 0.0  # bytes may be there before the first look

@@ -26,7 +26,8 @@ from hri_predict.cli.register.solve import quaternion
 ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 MIN_VIEWS, MAX_PICTURES = 6, 200
 SIMILAR = 0.02
-"""Two views whose corners are on average closer than this fraction of the width are the same."""
+"""Two views are the same if their corners are on average closer than this fraction of the picture's
+width."""
 MIN_COVER = 4
 """Minimum number, of the image's nine parts, in which some view has a corner."""
 MIN_TILT_DEG = 15.0
@@ -198,7 +199,8 @@ def _check(found: Calibration, tilts: Sequence[float], views: Sequence[Sighted])
     """Refuse a calibration that its views do not support.
 
     Raises:
-        ConfigError: the views are too few, too similar or too inaccurate.
+        ConfigError: the views cover too little of the picture, tilt too little, or are too
+            inaccurate or too similar.
     """
     every = np.concatenate([view.corners for view in views])
     cells = np.floor(3 * every / np.array(views[0].size)).clip(0, 2)

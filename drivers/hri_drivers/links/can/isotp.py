@@ -157,9 +157,10 @@ _FAILURES = {
 
 
 class IsoTpBulk(Bulk[CanFrame]):
-    """Whole Zones and Poses, one after the other, as fast as peer, wire and budget allow. A peer
-    that refuses or does not answer is tried again after a wait that doubles with each failure
-    (``BackOff``), so that retries do not fill the bus.
+    """Whole Zones and Poses, one after the other, as fast as peer, wire and budget allow.
+
+    A peer that refuses or does not answer is tried again after a wait that doubles with each
+    failure (``BackOff``), so that retries do not fill the bus.
     """
 
     def __init__(

@@ -339,9 +339,10 @@ def _forget_backlog(bus: can.BusABC) -> None:
 
 
 def _why_not_locked(bus: can.BusABC) -> str:
-    """Lock an slcan adapter's port for this process; return why it failed, "" if the system has no
-    locks. The file itself is locked: pyserial's ``exclusive`` would configure the port again, and
-    any error in that would look like another program's lock.
+    """Lock an slcan adapter's port; return why it failed, "" if the system has no locks.
+
+    The lock is for this process, and on the file itself: pyserial's ``exclusive`` would configure
+    the port again, and any error in that would look like another program's lock.
     """
     descriptor = getattr(getattr(bus, "serialPortOrig", None), "fd", None)
     if not isinstance(descriptor, int):  # a URL; Windows locks anyway

@@ -231,8 +231,9 @@ class RegisterCodec:
         return Acknowledge(latch_id, ack_id)
 
     def _choice(self, number: int, counter: int) -> SetChoice | None:
-        """A choice of a set, if its counter has changed: a gateway may repeat old writes. So the
-        first write after the server's start chooses nothing.
+        """A choice of a set, if its counter has changed: a gateway may repeat old writes.
+
+        So the first write after the server's start chooses nothing.
         """
         before, self._set_counter = self._set_counter, counter
         return SetChoice(number) if before not in (None, counter) else None

@@ -12,7 +12,7 @@ from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import Zone, ZoneCapsule
 
 KEPT_NS = 250_000_000
-"""Maximum age of a person's zone, which is sent once a cycle; afterwards the place is unknown."""
+"""Maximum time since a person's last zone, sent once a cycle; afterwards the place is unknown."""
 
 
 class Seen(NamedTuple):

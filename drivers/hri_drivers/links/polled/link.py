@@ -1,4 +1,5 @@
 """Common part of links that poll a robot's state; a protocol provides its transport and settings.
+
 The link sends nothing: the robot receives the advice on another link.
 """
 

@@ -58,8 +58,9 @@ class JointStatesSettings(Settings):
 
 
 class JointStateReader:
-    """Makes RobotStates of one robot from its JointStates. A repeated stamp repeats the counter, so
-    that the node detects a publisher that hangs.
+    """Makes RobotStates of one robot from its JointStates.
+
+    A repeated stamp repeats the counter, so that the node detects a publisher that hangs.
 
     Args:
         settings: names and mode.

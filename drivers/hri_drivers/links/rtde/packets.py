@@ -57,8 +57,9 @@ def framed(kind: int, data: bytes = b"") -> bytes:
 
 
 class Splitter:
-    """Finds packets in the bytes of one connection, regardless of how they are split. RTDE does not
-    mark the start of a packet, so after one impossible header the rest is unreadable.
+    """Finds packets in the bytes of one connection, regardless of how they are split.
+
+    RTDE does not mark the start of a packet, so after one impossible header the rest is unreadable.
     """
 
     def __init__(self) -> None:

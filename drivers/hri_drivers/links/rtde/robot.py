@@ -30,8 +30,9 @@ _IN_PROGRAM = frozenset((_STOPPING, _PLAYING, _PAUSING, _PAUSED, _RESUMING))
 
 
 def mode_of(robot_mode: int, safety_mode: int, runtime_state: int) -> RobotMode:
-    """Return the operating mode; only a robot that is moved by its program is *automatic*. A
-    protective, safeguard or emergency stop, a fault and all other states are *unknown*: the node
+    """Return the operating mode; only a robot that is moved by its program is *automatic*.
+
+    A protective, safeguard or emergency stop, a fault and all other states are *unknown*: the node
     has no better mode for them, and the robot is stopped.
     """
     if robot_mode in (_POWER_OFF, _POWER_ON, _IDLE):
@@ -45,6 +46,7 @@ def mode_of(robot_mode: int, safety_mode: int, runtime_state: int) -> RobotMode:
 
 class StateReader:
     """Makes RobotStates from data packages; the counter advances with the controller's time stamp.
+
     If the stamp stops or goes back, the counter is repeated, so that the node detects a controller
     that hangs or repeats old states.
     """

@@ -44,8 +44,7 @@ class Bone:
 
     Attributes:
         name: without the skeleton's.
-        parent: id
-    of the parent; 0 of the root.
+        parent: id of the parent; 0 of the root.
         offset: from the parent, metres.
     """
 

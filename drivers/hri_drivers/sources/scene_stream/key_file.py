@@ -14,7 +14,7 @@ from hri_predict.base.files import refuse_named_pipe
 log = logging.getLogger(__name__)
 
 MIN_BYTES, MAX_BYTES = 32, 1024
-"""Minimum length of the key in bytes; RFC 2104 clause 3: a key shorter than the hash is weaker."""
+"""Limits of the key's length in bytes; RFC 2104 clause 3: a key shorter than the hash is weaker."""
 TAG_BYTES = 16
 """Length of a tag; RFC 2104 clause 5: at least half of the hash, and at least 80 bits."""
 _MAKE = '(umask 077; python -c "import secrets; print(secrets.token_hex(32))" > {})'

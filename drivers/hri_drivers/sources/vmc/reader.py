@@ -118,8 +118,9 @@ class VmcReader:
         return Frame(stamp_ns=self._stamp_ns, people=people)
 
     def _positions(self, root: Pose, bones: dict[str, Pose]) -> Floats:
-        """(J, 3) in Unity's frame; in the wearer's size if the performer sends a scale. The avatar
-        is larger than the wearer by the factor ``s``, and shifted by ``o``.
+        """(J, 3) in Unity's frame; in the wearer's size if the performer sends a scale.
+
+        The avatar is larger than the wearer by the factor ``s``, and shifted by ``o``.
         """
         places = global_positions(root, bones)
         found = np.array([places.get(joint, np.full(3, np.nan)) for joint in self._joints])

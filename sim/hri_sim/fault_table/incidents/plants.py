@@ -10,7 +10,7 @@ from hri_sim.fault_table.incident import Incident, Span
 from hri_sim.fault_table.people import FAR, leave, person, wait, walk
 
 Says = Callable[[float, int], list[FromController]]
-"""Messages that a PLC sends in a cycle, given the seconds since the start and the latch id."""
+"""Messages that a PLC sends in a cycle, by seconds since the start and the latch id shown now."""
 
 
 def _plc(*says: Says) -> Callable[[Any], None]:
@@ -67,7 +67,7 @@ def _edges(down_s: float, up_s: float, ack_id: int = 7) -> Says:
 
 
 def _held(now_s: float, latch_id: int) -> list[FromController]:
-    """Return a PLC that repeats a press for the shown id for good."""
+    """Press for the shown id, and repeat the press for good."""
     return [Acknowledge(latch_id, 7)] if now_s >= _STOPPED[0] else []
 
 

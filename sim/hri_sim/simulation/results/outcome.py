@@ -1,5 +1,6 @@
-"""The outcome of an episode: the numbers of one approach, which the tables sum by recording. Only
-the time with a person in the room counts; before that, the robot starts up.
+"""The outcome of an episode: the numbers of one approach, which the tables sum by recording.
+
+Only the time with a person in the room counts; before that, the robot starts up.
 """
 
 from collections.abc import Sequence
@@ -201,8 +202,7 @@ class Prediction:
 def prediction(
     *, cell: Cell, scenario: Scenario, alone: Log, truth: Truth, bodies: MotionTicks
 ) -> Prediction:
-    """Compare predicted touches between bodies (not zones) and the planned robot with the true
-    ones.
+    """Compare predicted touches of bodies (not zones) and the planned robot with the true ones.
 
     Both assume that the robot continues along its path at full speed.
     """

@@ -12,12 +12,13 @@ from hri_sim.simulation.results.outcome import HORIZON_S, NEAR_M
 from hri_sim.simulation.results.statistics import Estimate, ratio
 
 Row = Mapping[str, Any]
-"""Return an ``Outcome`` or a ``Prediction`` as plain data."""
+"""An ``Outcome`` or a ``Prediction`` as plain data."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Metric:
     """A column: key, title with unit, digits, and factor from the ratio to the shown value.
+
     ``better``: "less", "more", or "" if the value does not rate a mode.
     """
 
