@@ -164,8 +164,8 @@ class AggregatedPredictor(NeuralPredictor):
     training ``aggregated`` itself, and then name the inner predictor. It extends any predictor to
     any horizon. Within the inner predictor's own horizon it brings no gain, unless the inner
     predictor was trained for it: on the validation recordings the shipped trajectorycnn has an
-    error of 246 mm after 1 s when repeated every 5 steps, and of 188 mm by itself. It states no deviation, even
-    if the inner predictor does.
+    error of 246 mm after 1 s when repeated every 5 steps, and of 188 mm by itself. It states no
+    deviation, even if the inner predictor does.
     """
 
     method = "aggregated"
