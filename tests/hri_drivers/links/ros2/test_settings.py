@@ -35,7 +35,7 @@ def settings(**data: Any) -> Ros2LinkSettings:
         ({"frame_id": "a frame"}, "frame_id"),
         ({"domain_id": 233}, "domain_id"),
         ({"simulate": {}}, "leave 'simulate' out"),
-        ({"remap": {"speed_ovr": "/speed_ovr"}}, "remap: no topic 'speed_ovr'; there are"),
+        ({"remap": {"speed_ovr": "/speed_ovr"}}, "remap: no topic 'speed_ovr'; available"),
         ({"remap": {"robot_0/speed_ovr": "/0"}}, "remap"),
         ({"remap": {"robot_0/speed_ovr": "robot_0/advice"}}, "/hri/robot_0/advice is the name of"),
         ({"remap": {"zones": "/a", "forecast": "/a"}}, "/a is the name of two topics"),

@@ -118,7 +118,7 @@ def test_training_fits_others_than_it_is_judged_on(dataset):
     refit = HumanSamples(HumanData(root=dataset, refit=True), 10, 25)
     assert refit.window_count == 3 * chosen.window_count
     with pytest.raises(
-        ConfigError, match=r"data\.actions posing: no recording shows it; there are"
+        ConfigError, match=r"data\.actions posing: no recording shows it; available"
     ):
         HumanSamples(HumanData(root=dataset, actions=["walking", "posing"]), 10, 25)
 
