@@ -20,6 +20,9 @@ UPDATE_TICKS = 25
 SHARE = 0.995
 """Share of ticks that are computed by the learned phase: a late tick makes one interval too long
 and the next too short, so 99 % of intervals are even."""
+MOST_WAIT_NS = 5_000_000
+"""Maximum wait of the median tick for a learned phase: on a busy machine a few slow ticks would
+otherwise make all messages old."""
 
 
 class PublishPhase:
@@ -73,13 +76,15 @@ class PublishPhase:
             self.held_s = time.perf_counter() - began
             self.held_ns = self._clock.now_ns() - now_ns
 
-    def _learn(self, taken_ns: int) -> None:
-        self._taken_ns.append(taken_ns)
+    def _learn(self, newest_ns: int) -> None:
+        self._taken_ns.append(newest_ns)
         count = len(self._taken_ns)
         if count % UPDATE_TICKS and count < self._learn_ticks:
             return
-        kept_ns = sorted(self._taken_ns)[math.ceil(SHARE * count) - 1]
-        self._phase_ns = min(kept_ns, self._limit_ns)
+        taken_ns = sorted(self._taken_ns)
+        kept_ns = taken_ns[math.ceil(SHARE * count) - 1]
+        waiting_ns = taken_ns[count // 2] + MOST_WAIT_NS
+        self._phase_ns = min(kept_ns, waiting_ns, self._limit_ns)
         if count >= self._learn_ticks:
             log.info("messages leave %.1f ms after the deadline of each tick", self.phase_s * 1e3)
             self._learn_ticks = 0

@@ -85,3 +85,10 @@ def test_a_learned_phase_stays_within_the_delay_budget():
     phase = PublishPhase(clock, None, 0.020, RATE_HZ)
     many(phase, clock, [35 * MS] * 50)
     assert phase.phase_s == pytest.approx(0.020)
+
+
+def test_a_few_slow_ticks_do_not_make_all_messages_old():
+    clock = VirtualClock()
+    phase = PublishPhase(clock, None, 0.020, RATE_HZ)
+    many(phase, clock, [18 * MS if k % 20 == 7 else 2 * MS for k in range(500)])
+    assert phase.phase_s == pytest.approx(0.007)
