@@ -158,21 +158,28 @@ def predictor_settings(name: str) -> type[PredictorSettings]:
     return model
 
 
-@contextlib.contextmanager
-def building(what: str) -> Iterator[None]:
+def building(what: str) -> contextlib.AbstractContextManager[None]:
     """Wrap the construction of a source, predictor or link, possibly from a third party.
 
     Raises:
         HriPredictError: the part's own error, or an error that names the failure.
+    """
+    return calling(f"{what} cannot be built", "correct it or its settings")
+
+
+@contextlib.contextmanager
+def calling(failed: str, remedy: str) -> Iterator[None]:
+    """Wrap calls of code that may come from a third party.
+
+    Raises:
+        HriPredictError: the part's own error, or one line: ``failed``, the error and ``remedy``.
     """
     try:
         yield
     except HriPredictError:
         raise
     except (Exception, SystemExit) as error:
-        raise ConfigError(
-            f"{what} cannot be built: {_said(error)}; correct it or its settings"
-        ) from error
+        raise ConfigError(f"{failed}: {_said(error)}; {remedy}") from error
 
 
 def _said(error: BaseException) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.base.arrays import Floats
-from hri_predict.base.errors import ConfigError, HriPredictError
+from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import Skeleton
 from hri_predict.contracts import registry
 from hri_predict.lab.datasets import cmu_benchmark, human36m
@@ -201,17 +201,8 @@ class Brought(Benchmark):
                 raise ValueError(f"errors have shape {errors.shape}, not {true.shape[:2]} + joints")
         return errors
 
-    @contextlib.contextmanager
-    def _blamed(self) -> Iterator[None]:
-        try:
-            yield
-        except HriPredictError:
-            raise
-        except (Exception, SystemExit) as error:
-            raise ConfigError(
-                f"benchmark '{self._name}': {type(error).__name__}: {error}; fix the package that "
-                "provides it"
-            ) from error
+    def _blamed(self) -> contextlib.AbstractContextManager[None]:
+        return registry.calling(f"benchmark '{self._name}'", "fix the package that provides it")
 
 
 def _skeleton(given: Any) -> Skeleton:
