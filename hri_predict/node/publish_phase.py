@@ -40,7 +40,7 @@ class PublishPhase:
     """
 
     def __init__(self, clock: Clock, phase_s: float | None, limit_s: float, rate_hz: float) -> None:
-        self._clock = clock
+        self._clock, self._rate_hz = clock, rate_hz
         self._limit_ns = round(limit_s * 1e9)
         self._phase_ns = round((phase_s or 0.0) * 1e9)
         self._learn_ticks = math.ceil(LEARN_TICKS_S * rate_hz) if phase_s is None else 0
@@ -52,6 +52,11 @@ class PublishPhase:
     def phase_s(self) -> float:
         """Time after the deadline at which messages leave, seconds; 0: as soon as computed."""
         return self._phase_ns * 1e-9
+
+    @property
+    def held_share(self) -> float:
+        """Part of a cycle for which the messages of the newest tick waited."""
+        return self.held_ns * 1e-9 * self._rate_hz
 
     def begin(self, deadline_ns: int) -> None:
         """Note the deadline of the tick that begins."""

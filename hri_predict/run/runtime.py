@@ -148,14 +148,14 @@ class _RealTime:
             began = time.perf_counter()
             node.tick(now_ns)
             node.repeats.posted(clock.now_ns())
-            held_ns, held_s = (0, 0.0) if phase is None else (phase.held_ns, phase.held_s)
+            held_s, held_share = (0.0, 0.0) if phase is None else (phase.held_s, phase.held_share)
             pace.note(time.perf_counter() - began - held_s)  # waiting is not work
             if each_tick is not None:
                 each_tick(now_ns)
-            ended = ticks.end(clock.now_ns() - held_ns)
+            ended = ticks.end(clock.now_ns())
             pace.late_ticks += ended.is_late
             pace.missed_ticks += ended.missed
-            node.shedding.note(ended.used, now_ns)
+            node.shedding.note(ended.used - held_share, now_ns)
 
     def repeat(self) -> None:
         """Run the thread that repeats Status and Advice, independently of the loop.

@@ -64,7 +64,7 @@ def garbage_stays(monkeypatch):
     monkeypatch.setattr("hri_predict.run.runtime.gc.collect", lambda: 0)
 
 
-def paced(tick_ms, duration_s=0.24, phase_s=0.0):
+def paced(tick_ms, duration_s=0.24, phase_s=0.0, after_ms=0):
     """The real-time loop at 50 Hz on a clock of the test's; tick k takes ``tick_ms[k]``."""
     assembly = make(source=Source(count=0), virtual=True)
     clock, node = assembly.clock, assembly.node
@@ -75,6 +75,7 @@ def paced(tick_ms, duration_s=0.24, phase_s=0.0):
         node.ticks.append((now_ns - 1_000 * MS) // MS)
         clock.advance_to(clock.now_ns() + took * MS)
         node.publish_phase.hold(learn=True, urgent=False)
+        clock.advance_to(clock.now_ns() + after_ms * MS)
 
     node.tick = tick
     pace = run_real_time(assembly=assembly, stop=threading.Event(), duration_s=duration_s)
@@ -92,6 +93,11 @@ def test_messages_held_until_the_phase_are_no_work():
     held = paced(dict.fromkeys(range(99), 15), phase_s=0.018)
     assert held[2].sheds == 0  # a tick of 18 of 20 ms would shed load
     assert held[:1] == paced(dict.fromkeys(range(99), 15))[:1]
+
+
+def test_a_tick_that_is_late_because_its_messages_waited_is_late():
+    _, pace, _ = paced(dict.fromkeys(range(99), 2), phase_s=0.018, after_ms=5)
+    assert pace.late_ticks == pace.ticks > 0
 
 
 def test_a_late_tick_is_counted_and_pushes_nothing_back():
