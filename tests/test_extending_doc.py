@@ -35,7 +35,7 @@ class Unsure(Perceptron):
 
     def forward(self, window):
         moved = (window.positions - last_pose(window)).norm(dim=-1)
-        log = self.deviation(moved.transpose(1, 2)).transpose(1, 2)
+        log = 4.0 * self.deviation(moved.transpose(1, 2)).transpose(1, 2)  # a minute is short
         return torch.cat([super().forward(window), log[..., None]], -1)
 
     losses = Network.losses
@@ -171,7 +171,7 @@ def test_a_network_of_one_s_own_is_trained_exported_calibrated_and_runs_in_the_n
     assert summary["self_check"] is not None, "none of its forecasts was judged"
     if of is unsure:
         stated, _ = place.start("-c", STATED_M).communicate(timeout=300)
-        assert 0.01 < float(stated) < 0.8, "it has learnt nothing: untrained, it states a metre"
+        assert 0.01 < float(stated) < 0.5, "it has learnt little: untrained, it states a metre"
 
 
 @pytest.mark.long
