@@ -2,7 +2,9 @@
 
 ``joint_zones`` states where each joint may be. A capsule between the two joints of a segment, with
 the larger of their spheres' radii plus the segment's own, holds the segment. The skeleton's reach
-from the nearest observed joint bounds a segment that was neither seen nor inferred.
+from the nearest observed joint bounds a segment that was neither seen nor inferred, in each
+interval in which that sphere is smaller: the own sphere of a joint that was just hidden grows at
+the physical limit, and soon exceeds this reach.
 
 Zones contain the error that a source states of a person's place. They do not contain the position
 uncertainty Z_d of the configuration: ``separation`` adds it, once.
@@ -307,18 +309,20 @@ def _capsules_by_arrays(spheres: _Spheres, segments: _Segments) -> _Found:
         unseen = joint_age * segments.physical_m_s  # (P, J)
         holding = segments.reach + unseen[:, None, :]  # (P, S, J)
         nearest = holding.argmin(-1)  # (P, S)
-        farther = np.maximum(unseen[:, segments.a], unseen[:, segments.b])
-        held = holding.min(-1) < farther
-        bounded = held[:, None, :]
         person = np.arange(len(mid))[:, None]
+        oldest = np.maximum(joint_age[:, segments.a], joint_age[:, segments.b])
         centre = mid.transpose(0, 2, 1, 3)[person, nearest].transpose(0, 2, 1, 3)
-        about = around.transpose(0, 2, 1)[person, nearest].transpose(0, 2, 1)
-        reach = segments.reach[np.arange(len(segments.a)), nearest][:, None, :]
+        reach = segments.reach[np.arange(len(segments.a)), nearest]
+        held = around.transpose(0, 2, 1)[person, nearest].transpose(0, 2, 1) + reach[:, None]
+        always = holding.min(-1) < oldest * segments.physical_m_s
+        later = (joint_age[person, nearest] <= FRESH_S) & (oldest > FRESH_S)
+        bounded = always[:, None] | (later[:, None] & (held < radius))  # (P, K+1, S)
         a = np.where(bounded[..., None], centre, a)
         b = np.where(bounded[..., None], centre, b)
-        radius = np.where(bounded, about + reach, radius)
-        ends = np.where(held[..., None], nearest[..., None], ends)
-        extra = np.where(held, extra + reach[:, 0], extra)
+        radius = np.where(bounded, held, radius)
+        at_end = bounded[:, -1]
+        ends = np.where(at_end[..., None], nearest[..., None], ends)
+        extra = np.where(at_end, extra + reach, extra)
     return a, b, radius + segments.radius, ends, extra
 
 
@@ -334,22 +338,29 @@ def _capsules_by_loops(spheres: _Spheres, segments: _Segments) -> _Found:
         for j in range(joints):
             stale = stale or joint_age[p, j] > FRESH_S
         for s in range(count):
-            at_a, at_b, reach = segments.a[s], segments.b[s], 0.0
+            at_a, at_b, nearest, reach = segments.a[s], segments.b[s], 0, inf
+            always = later = False
             if stale:
-                nearest, least = 0, inf
+                least = inf
                 for j in range(joints):
                     size = segments.reach[s, j] + joint_age[p, j] * segments.physical_m_s
                     if size < least:
                         nearest, least = j, size
-                if least < max(joint_age[p, at_a], joint_age[p, at_b]) * segments.physical_m_s:
-                    at_a = at_b = nearest
-                    reach = segments.reach[s, nearest]
-            ends[p, s, 0], ends[p, s, 1], extra[p, s] = at_a, at_b, segments.radius[s] + reach
+                oldest = max(joint_age[p, at_a], joint_age[p, at_b])
+                always = least < oldest * segments.physical_m_s
+                later = joint_age[p, nearest] <= FRESH_S and oldest > FRESH_S
+                reach = segments.reach[s, nearest]
+            bounded = False
             for k in range(entries):
+                size = max(around[p, k, at_a], around[p, k, at_b])
+                held = around[p, k, nearest] + reach
+                bounded = always or (later and held < size)
+                from_a, from_b = (nearest, nearest) if bounded else (at_a, at_b)
                 for i in range(3):
-                    a[p, k, s, i], b[p, k, s, i] = mid[p, k, at_a, i], mid[p, k, at_b, i]
-                size = max(around[p, k, at_a], around[p, k, at_b]) + reach
-                radius[p, k, s] = size + segments.radius[s]
+                    a[p, k, s, i], b[p, k, s, i] = mid[p, k, from_a, i], mid[p, k, from_b, i]
+                radius[p, k, s] = (held if bounded else size) + segments.radius[s]
+            ends[p, s, 0], ends[p, s, 1] = (nearest, nearest) if bounded else (at_a, at_b)
+            extra[p, s] = segments.radius[s] + (reach if bounded else 0.0)
     return a, b, radius, ends, extra
 
 
