@@ -306,23 +306,27 @@ def _capsules_by_arrays(spheres: _Spheres, segments: _Segments) -> _Found:
     extra = np.repeat(segments.radius[None], len(mid), axis=0)
     radius = np.maximum(around.take(segments.a, axis=2), around.take(segments.b, axis=2))
     if (joint_age > FRESH_S).any():
-        unseen = joint_age * segments.physical_m_s  # (P, J)
-        holding = segments.reach + unseen[:, None, :]  # (P, S, J)
-        nearest = holding.argmin(-1)  # (P, S)
-        person = np.arange(len(mid))[:, None]
-        oldest = np.maximum(joint_age[:, segments.a], joint_age[:, segments.b])
-        centre = mid.transpose(0, 2, 1, 3)[person, nearest].transpose(0, 2, 1, 3)
-        reach = segments.reach[np.arange(len(segments.a)), nearest]
-        held = around.transpose(0, 2, 1)[person, nearest].transpose(0, 2, 1) + reach[:, None]
+        oldest = np.maximum(joint_age[:, segments.a], joint_age[:, segments.b])  # (P, S)
+        unseen = joint_age[:, None] * segments.physical_m_s
+        holding = segments.reach + unseen  # (P, S, J)
+        by_seen = np.where(joint_age[:, None] <= FRESH_S, segments.reach, inf)
         always = holding.min(-1) < oldest * segments.physical_m_s
-        later = (joint_age[person, nearest] <= FRESH_S) & (oldest > FRESH_S)
-        bounded = always[:, None] | (later[:, None] & (held < radius))  # (P, K+1, S)
-        a = np.where(bounded[..., None], centre, a)
-        b = np.where(bounded[..., None], centre, b)
-        radius = np.where(bounded, held, radius)
-        at_end = bounded[:, -1]
-        ends = np.where(at_end[..., None], nearest[..., None], ends)
-        extra = np.where(at_end, extra + reach, extra)
+        hidden = (oldest > FRESH_S) & (by_seen.min(-1) < inf)
+        person = np.arange(len(mid))[:, None]
+        for sizes, given in ((holding, always), (by_seen, hidden)):
+            nearest = sizes.argmin(-1)
+            centre = mid.transpose(0, 2, 1, 3)[person, nearest].transpose(0, 2, 1, 3)
+            reach = segments.reach[np.arange(len(segments.a)), nearest]
+            held = around.transpose(0, 2, 1)[person, nearest].transpose(0, 2, 1) + reach[:, None]
+            bounded = np.broadcast_to(given[:, None], held.shape)  # (P, K+1, S)
+            if sizes is by_seen:
+                bounded = bounded & (held < radius)
+            a = np.where(bounded[..., None], centre, a)
+            b = np.where(bounded[..., None], centre, b)
+            radius = np.where(bounded, held, radius)
+            at_end = bounded[:, -1]
+            ends = np.where(at_end[..., None], nearest[..., None], ends)
+            extra = np.where(at_end, segments.radius + reach, extra)
     return a, b, radius + segments.radius, ends, extra
 
 
@@ -338,29 +342,30 @@ def _capsules_by_loops(spheres: _Spheres, segments: _Segments) -> _Found:
         for j in range(joints):
             stale = stale or joint_age[p, j] > FRESH_S
         for s in range(count):
-            at_a, at_b, nearest, reach = segments.a[s], segments.b[s], 0, inf
-            always = later = False
+            at_a, at_b, reach, seen, by_seen = segments.a[s], segments.b[s], 0.0, 0, inf
+            hidden = max(joint_age[p, at_a], joint_age[p, at_b]) > FRESH_S
             if stale:
-                least = inf
+                nearest, least = 0, inf
                 for j in range(joints):
                     size = segments.reach[s, j] + joint_age[p, j] * segments.physical_m_s
                     if size < least:
                         nearest, least = j, size
-                oldest = max(joint_age[p, at_a], joint_age[p, at_b])
-                always = least < oldest * segments.physical_m_s
-                later = joint_age[p, nearest] <= FRESH_S and oldest > FRESH_S
-                reach = segments.reach[s, nearest]
-            bounded = False
+                    if joint_age[p, j] <= FRESH_S and segments.reach[s, j] < by_seen:
+                        seen, by_seen = j, segments.reach[s, j]
+                if least < max(joint_age[p, at_a], joint_age[p, at_b]) * segments.physical_m_s:
+                    at_a = at_b = nearest
+                    reach = segments.reach[s, nearest]
+            from_a, from_b, more = at_a, at_b, reach
             for k in range(entries):
-                size = max(around[p, k, at_a], around[p, k, at_b])
-                held = around[p, k, nearest] + reach
-                bounded = always or (later and held < size)
-                from_a, from_b = (nearest, nearest) if bounded else (at_a, at_b)
+                size = max(around[p, k, at_a], around[p, k, at_b]) + reach
+                from_a, from_b, more = at_a, at_b, reach
+                if hidden and around[p, k, seen] + by_seen < size:
+                    size = around[p, k, seen] + by_seen
+                    from_a, from_b, more = seen, seen, by_seen
                 for i in range(3):
                     a[p, k, s, i], b[p, k, s, i] = mid[p, k, from_a, i], mid[p, k, from_b, i]
-                radius[p, k, s] = (held if bounded else size) + segments.radius[s]
-            ends[p, s, 0], ends[p, s, 1] = (nearest, nearest) if bounded else (at_a, at_b)
-            extra[p, s] = segments.radius[s] + (reach if bounded else 0.0)
+                radius[p, k, s] = size + segments.radius[s]
+            ends[p, s, 0], ends[p, s, 1], extra[p, s] = from_a, from_b, segments.radius[s] + more
     return a, b, radius, ends, extra
 
 
