@@ -3,7 +3,8 @@
 ``joint_zones`` gives a sphere for each joint. A capsule between the two joints of a segment
 encloses the segment; its radius is the larger of their spheres' radii plus the segment's own. The
 skeleton's reach from the nearest observed joint bounds a segment that was neither seen nor
-inferred.
+inferred, in each interval in which that sphere is smaller: the sphere of a joint that was just
+hidden grows at the physical limit, and soon exceeds this reach.
 
 Zones include the position error that a source states for a person. They do not include the position
 uncertainty Z_d of the configuration: ``separation`` adds it once.
@@ -294,6 +295,10 @@ class _Segments(NamedTuple):
     physical_m_s: float
 
 
+_ROUNDING_M = 1e-9
+"""Minimum gain that replaces a sphere: a joint's own may be cut at this reach, then both are equal
+but for rounding."""
+
 _Spheres = tuple[Floats, Floats, Floats]
 """``mid``, ``radius`` and ``joint_age`` of ``JointSpheres``."""
 _Found = tuple[Floats, Floats, Floats, Ints, Floats]
@@ -308,21 +313,27 @@ def _capsules_by_arrays(spheres: _Spheres, segments: _Segments) -> _Found:
     extra = np.repeat(segments.radius[None], len(mid), axis=0)
     radius = np.maximum(around.take(segments.a, axis=2), around.take(segments.b, axis=2))
     if (joint_age > FRESH_S).any():
-        unseen = joint_age * segments.physical_m_s  # (P, J)
-        holding = segments.reach + unseen[:, None, :]  # (P, S, J)
-        nearest = holding.argmin(-1)  # (P, S)
-        farther = np.maximum(unseen[:, segments.a], unseen[:, segments.b])
-        held = holding.min(-1) < farther
-        bounded = held[:, None, :]
+        oldest = np.maximum(joint_age[:, segments.a], joint_age[:, segments.b])  # (P, S)
+        unseen = joint_age[:, None] * segments.physical_m_s
+        holding = segments.reach + unseen  # (P, S, J)
+        by_seen = np.where(joint_age[:, None] <= FRESH_S, segments.reach, inf)
+        always = holding.min(-1) < oldest * segments.physical_m_s
+        hidden = (oldest > FRESH_S) & (by_seen.min(-1) < inf)
         person = np.arange(len(mid))[:, None]
-        centre = mid.transpose(0, 2, 1, 3)[person, nearest].transpose(0, 2, 1, 3)
-        about = around.transpose(0, 2, 1)[person, nearest].transpose(0, 2, 1)
-        reach = segments.reach[np.arange(len(segments.a)), nearest][:, None, :]
-        a = np.where(bounded[..., None], centre, a)
-        b = np.where(bounded[..., None], centre, b)
-        radius = np.where(bounded, about + reach, radius)
-        ends = np.where(held[..., None], nearest[..., None], ends)
-        extra = np.where(held, extra + reach[:, 0], extra)
+        for sizes, given in ((holding, always), (by_seen, hidden)):
+            nearest = sizes.argmin(-1)
+            centre = mid.transpose(0, 2, 1, 3)[person, nearest].transpose(0, 2, 1, 3)
+            reach = segments.reach[np.arange(len(segments.a)), nearest]
+            held = around.transpose(0, 2, 1)[person, nearest].transpose(0, 2, 1) + reach[:, None]
+            bounded = np.broadcast_to(given[:, None], held.shape)  # (P, K+1, S)
+            if sizes is by_seen:
+                bounded = bounded & (held + _ROUNDING_M < radius)
+            a = np.where(bounded[..., None], centre, a)
+            b = np.where(bounded[..., None], centre, b)
+            radius = np.where(bounded, held, radius)
+            at_end = bounded[:, -1]
+            ends = np.where(at_end[..., None], nearest[..., None], ends)
+            extra = np.where(at_end, segments.radius + reach, extra)
     return a, b, radius + segments.radius, ends, extra
 
 
@@ -338,22 +349,30 @@ def _capsules_by_loops(spheres: _Spheres, segments: _Segments) -> _Found:
         for j in range(joints):
             stale = stale or joint_age[p, j] > FRESH_S
         for s in range(count):
-            at_a, at_b, reach = segments.a[s], segments.b[s], 0.0
+            at_a, at_b, reach, seen, by_seen = segments.a[s], segments.b[s], 0.0, 0, inf
+            hidden = max(joint_age[p, at_a], joint_age[p, at_b]) > FRESH_S
             if stale:
                 nearest, least = 0, inf
                 for j in range(joints):
                     size = segments.reach[s, j] + joint_age[p, j] * segments.physical_m_s
                     if size < least:
                         nearest, least = j, size
+                    if joint_age[p, j] <= FRESH_S and segments.reach[s, j] < by_seen:
+                        seen, by_seen = j, segments.reach[s, j]
                 if least < max(joint_age[p, at_a], joint_age[p, at_b]) * segments.physical_m_s:
                     at_a = at_b = nearest
                     reach = segments.reach[s, nearest]
-            ends[p, s, 0], ends[p, s, 1], extra[p, s] = at_a, at_b, segments.radius[s] + reach
+            from_a, from_b, more = at_a, at_b, reach
             for k in range(entries):
-                for i in range(3):
-                    a[p, k, s, i], b[p, k, s, i] = mid[p, k, at_a, i], mid[p, k, at_b, i]
                 size = max(around[p, k, at_a], around[p, k, at_b]) + reach
+                from_a, from_b, more = at_a, at_b, reach
+                if hidden and around[p, k, seen] + by_seen + _ROUNDING_M < size:
+                    size = around[p, k, seen] + by_seen
+                    from_a, from_b, more = seen, seen, by_seen
+                for i in range(3):
+                    a[p, k, s, i], b[p, k, s, i] = mid[p, k, from_a, i], mid[p, k, from_b, i]
                 radius[p, k, s] = size + segments.radius[s]
+            ends[p, s, 0], ends[p, s, 1], extra[p, s] = from_a, from_b, segments.radius[s] + more
     return a, b, radius, ends, extra
 
 

@@ -100,6 +100,25 @@ def test_coco_bodies_are_no_longer_inflated():
     assert radius(inferred, "l_hand") == pytest.approx(0.1 + 0.534 * forearm_m)
 
 
+def test_a_joint_that_was_just_hidden_is_no_farther_than_one_that_was_never_seen():
+    # Calibrated zones of a hidden trunk joint grow at 10 m/s, so its reach from a joint that is
+    # seen soon bounds it, however recently it was seen.
+    shoulders = [JOINTS.index(name) for name in ("l_shoulder", "r_shoulder")]
+    delivered = ~np.isin(np.arange(len(JOINTS)), [*shoulders, JOINTS.index("neck")])
+    never = seen_by(delivered & (np.arange(len(JOINTS)) != JOINTS.index("waist")), infers=False)
+    just = replace(
+        never,
+        last_positions=np.where(
+            np.isin(np.arange(len(JOINTS)), shoulders)[:, None], BODY, never.last_positions
+        ),
+        joint_age_s=np.where(np.isin(np.arange(len(JOINTS)), shoulders), 0.04, never.joint_age_s),
+    )
+    hidden, unknown = zones_of(just), zones_of(never)
+    assert radius(hidden, "shoulders") < radius(unknown, "shoulders")  # at the capture
+    for step in range(1, STEPS + 1):
+        assert radius(hidden, "shoulders", step) <= radius(unknown, "shoulders", step) + 1e-9
+
+
 def true_body(snapshot, seed):
     """A body that has its inferred joints anywhere within what is stated of them."""
     rng = np.random.default_rng(seed)
