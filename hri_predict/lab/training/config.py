@@ -45,6 +45,12 @@ class TrainSettings(Settings):
     )
     clip_norm: float = Field(1.0, gt=0, description="maximum gradient norm of a step")
     seed: int = Field(0, ge=0, le=2**63 - 1)
+    teachers: list[str] = Field(
+        [], description="weights files, or predictors whose weights ship, to learn from"
+    )
+    taught: float = Field(
+        0.5, ge=0, le=1, description="share of the windows whose target is the teachers' mean"
+    )
     patience: int = Field(
         0, ge=0, description="stop after this many epochs without better validation; 0: never"
     )

@@ -19,6 +19,7 @@ from hri_predict.lab.training.checkpoint import load_checkpoint, save_checkpoint
 from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.processes import Processes
+from hri_predict.lab.training.teachers import Teachers
 from hri_predict.lab.training.validation import Validation, validate
 from hri_predict.lab.training.windows.samples import SampleSource
 from hri_predict.predictors.neural.network import Network
@@ -154,6 +155,7 @@ class Run:
         # windows enter their frames on the CPU, wherever the network is
         self.entry = Network(source.shape)
         self.entry.rest.copy_(network.rest)
+        self.teachers = Teachers(config.train.teachers, config.train.taught, network.shape)
         self.optimisation = Optimisation(network.to(_device(config)), config.train, processes)
         self.rng = np.random.default_rng(config.train.seed)
         torch.manual_seed(config.train.seed + processes.rank)  # dropout differs between processes
@@ -235,6 +237,7 @@ class Run:
         batch = self.source.batch(self.rng, self.settings.batch)
         mine, share = self.processes.share(batch)
         window, target = mine.entered(self.entry)
+        target = self.teachers.teach(window, target)
         device = self.optimisation.network.rest.device
         progress = self.progress
         losses = self.optimisation.step(
