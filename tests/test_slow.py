@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from tests import slow
 from tests.slow import ROOT, slow_tests, too_slow
 
 
@@ -16,6 +17,11 @@ def test_each_slow_test_is_there(file):
         if name.startswith(f"{file}::") and not re.search(rf"def {name.split('::')[-1]}\(", text)
     }
     assert not gone, "renamed or removed: change slow.txt by hand, or run python -m tests.slow"
+
+
+@pytest.fixture(autouse=True)
+def _budgets(monkeypatch):
+    monkeypatch.setattr(slow, "BUDGET_S", {"realtime": 160.0, "others": 300.0})
 
 
 def costs(*seconds: tuple[str, float], kind: str = "others") -> list[tuple[str, str, float]]:
@@ -40,3 +46,7 @@ def test_each_file_keeps_its_cheapest_unless_that_is_slow_itself():
         "c::v",
     ]
     assert too_slow(costs(*((f"{k}::x", 1.9) for k in range(200)))) == []
+
+
+def test_what_judges_each_change_stays_in_the_day():
+    assert too_slow(costs(("tests/test_layout.py::test_x", 400.0), ("b::y", 90.0))) == ["b::y"]
