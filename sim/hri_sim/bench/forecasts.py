@@ -18,6 +18,7 @@ from hri_predict.base.skeleton import CANONICAL
 from hri_predict.cli.common import JsonOption, one_of, predictor_settings, progress
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import Predictor
+from hri_predict.predictors.ensemble import AverageSettings
 from hri_sim.bench.rows import Row, Scope, measured, spread
 from hri_sim.bench.table import Columns, demand, report
 from hri_sim.fault_table.soak import resident_mib
@@ -118,17 +119,20 @@ def measure(
                     **{f"{key}_ms": ms for key, ms in spread(times).items()},
                     "forecasts": len(times),
                     "differs_mm": float(1e3 * np.abs(each.predict(*seen).positions - wanted).max()),
-                    "floor_ms": _floor_ms(engines[0], count, rate),
+                    "floor_ms": _floor_ms(name, engines[0], count, rate),
                 }
                 for (engine, each), times in zip(built.items(), taken, strict=True)
             ]
 
 
-def _floor_ms(predictor: Predictor, people: int, rate: float) -> float | None:
+def _floor_ms(name: str, predictor: Predictor, people: int, rate: float) -> float | None:
     """Return the time for the products of all the predictor's networks at this rate, in ms."""
     from hri_predict.predictors.neural.floor import products
 
-    members = getattr(predictor, "members", [predictor])
+    settings = predictor_settings(name, None, _RATE_HZ, _HORIZON_S)
+    members = [predictor]
+    if isinstance(settings, AverageSettings):
+        members = [registry.load("predictors", each.name)(each) for each in settings.of_members()]
     networks = [m.network for m in members if hasattr(m, "network")]
     return 1e3 * sum(products(n, people) for n in networks) / rate if networks else None
 

@@ -102,7 +102,7 @@ def test_a_predictor_with_settings_of_its_own_is_not_calibrated(tmp_path):
     text = configuration.shipped("demo.yaml").read_text(encoding="utf-8")
     own = "  name: constant_velocity\n  span_s: 0.2\n"
     path = tmp_path / "cell.yaml"
-    path.write_text(text.replace("  name: sinn\n", own), encoding="utf-8")
+    path.write_text(text.replace("  name: average\n", own), encoding="utf-8")
     assert "not calibrated for constant_velocity" in examine(configuration.load(path))["zones"]
 
 

@@ -225,7 +225,7 @@ def test_a_node_that_dies_without_a_word_shows_as_vanished() -> None:
 @pytest.mark.realtime
 def test_a_running_node_announces_itself(tmp_path: Path) -> None:
     text = configuration.shipped("demo.yaml").read_text(encoding="utf-8")
-    text = text.replace("name: sinn", "name: constant_velocity")
+    text = text.replace("name: average", "name: constant_velocity")
     file = tmp_path / "cell.yaml"
     file.write_text(f"{text}\ndiscovery: {{name: {TAG}}}\n", encoding="utf-8")
     config = configuration.load(file).without_links()
