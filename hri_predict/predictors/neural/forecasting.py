@@ -46,10 +46,8 @@ class Forecasting(ABC):
         entered = enter(histories, self._tables)
         ahead = self._ahead(entered)
         people, joints = len(history), len(self._tables.given)
-        if (*ahead.shape[:1], *ahead.shape[2:-1]) != (people, joints) or ahead.shape[3] not in (
-            3,
-            4,
-        ):
+        shape = (*ahead.shape[:1], *ahead.shape[2:])
+        if shape not in ((people, joints, 3), (people, joints, 4)):
             raise PredictorError(  # the compiled loops below would read past its end
                 f"the network gave shape {ahead.shape}, not ({people}, H, {joints}, 3 or 4)"
             )
