@@ -159,37 +159,49 @@ class Brought(Benchmark):
         with self._blamed():
             self.title, self.unit = str(own.title), str(own.unit)
             self.skeletons = {str(error): _skeleton(s) for error, s in own.skeletons.items()}
-            self.windows = tuple(map(str, own.windows))
-            self.mean_over = tuple(map(str, own.mean_over))
-            self.zero_shot = tuple(map(str, own.zero_shot))
-            self.notes = {str(error): tuple(map(str, n)) for error, n in own.notes.items()}
+            self.windows, self.mean_over = _texts(own.windows), _texts(own.mean_over)
+            self.zero_shot = _texts(own.zero_shot)
+            self.notes = {str(error): _texts(notes) for error, notes in own.notes.items()}
             self.published = None if own.published is None else Path(own.published)
 
     def takes(self, directory: Path, error: str) -> Iterator[Takes]:
         """See ``Benchmark``."""
         joints = len(self.skeletons[error].joints)
+        actions: set[str] = set()
         with self._blamed():
             left = iter(self._own.takes(directory, error))
         while True:
             with self._blamed():
-                item = next(left, None)
-                if item is None:
-                    return
+                item = next(left, _END)
+                if item is _END:
+                    break
                 action, where, takes = item
                 arrays = [np.asarray(take, np.float64) for take in takes]
                 for array in arrays:
                     if array.ndim != 3 or array.shape[1:] != (joints, 3):
                         raise ValueError(f"{where}: has shape {array.shape}, not (n, {joints}, 3)")
+                    if not np.isfinite(array).all():
+                        raise ValueError(f"{where}: has values that are not finite numbers")
+                if not arrays or str(action) in actions:
+                    raise ValueError(f"{where}: gives action {action} twice, or no recording of it")
+                actions.add(str(action))
             yield str(action), str(where), arrays
+        with self._blamed():
+            if not actions:
+                raise ValueError(f"takes gives no action for {directory}")
 
     def starts(
         self, windows: str, frames: Sequence[int], n_in: int, n_out: int
     ) -> list[NDArray[np.intp]]:
         """See ``Benchmark``."""
         with self._blamed():
-            starts = [np.asarray(s) for s in self._own.starts(windows, frames, n_in, n_out)]
-            for own, count in zip(starts, frames, strict=True):
-                if own.size and not (own.min() >= 0 and own.max() + n_in + n_out <= count):
+            starts = []
+            given = list(map(np.asarray, self._own.starts(windows, frames, n_in, n_out)))
+            for own, count in zip(given, frames, strict=True):
+                if own.ndim != 1 or (own.size and own.dtype.kind not in "iu"):
+                    raise ValueError(f"starts are {own.dtype} of shape {own.shape}, not integers")
+                starts.append(own.astype(np.intp))  # an empty list becomes an array of floats
+                if own.size and not (own.min() >= 0 and starts[-1].max() + n_in + n_out <= count):
                     raise ValueError(f"starts of windows are outside a take of {count} frames")
         return starts
 
@@ -199,10 +211,21 @@ class Brought(Benchmark):
             errors = np.asarray(self._own.errors(predicted, true), np.float64)
             if errors.ndim != 3 or errors.shape[:2] != true.shape[:2]:
                 raise ValueError(f"errors have shape {errors.shape}, not {true.shape[:2]} + joints")
+            if errors.size == 0 or not (np.isfinite(errors) & (errors >= 0)).all():
+                raise ValueError("errors have no joint, are below 0 or are not finite")
         return errors
 
     def _blamed(self) -> contextlib.AbstractContextManager[None]:
         return registry.calling(f"benchmark '{self._name}'", "fix the package that provides it")
+
+
+_END: Any = object()
+
+
+def _texts(given: Any) -> tuple[str, ...]:
+    if isinstance(given, str):
+        raise TypeError(f"'{given}' is a text, not a list of texts")
+    return tuple(map(str, given))
 
 
 def _skeleton(given: Any) -> Skeleton:

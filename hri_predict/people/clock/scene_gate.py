@@ -35,6 +35,7 @@ FEWEST = 30
 LEAST_NS = 2_000_000
 MOST_NS = 40_000_000
 ADDS_UP = 0.8
+MOST_SCENES = 2**53  # exact in double precision
 
 
 class EvenCaptures:
@@ -81,9 +82,10 @@ class EvenCaptures:
         """Return the lateness of the newest stamp, 0 if nothing is moved, and the line's step."""
         if len(self._captures) < FEWEST:
             return 0, 0
-        scenes = np.array(self._sequences, dtype=np.int64) - self._sequences[0]
+        first = self._sequences[0]  # a source may count further than 64 bits
+        scenes = np.array([min(s - first, MOST_SCENES) for s in self._sequences], np.float64)
         stamps = np.array(self._captures, dtype=np.int64) - self._captures[0]
-        late, step_ns = _lateness(scenes.astype(np.float64), stamps.astype(np.float64))
+        late, step_ns = _lateness(scenes, stamps.astype(np.float64))
         scatter = float(late.std())
         if scatter < LEAST_NS or late.max() > MOST_NS:
             return 0, 0

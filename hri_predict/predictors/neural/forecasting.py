@@ -31,7 +31,11 @@ class Forecasting(ABC):
     _tables: Tables
 
     def predict(self, history: Floats, observed: Bools) -> Forecast:
-        """Predict with the network; see ``Predictor.predict``."""
+        """Predict with the network; see ``Predictor.predict``.
+
+        Raises:
+            PredictorError: the network's result has another shape.
+        """
         if len(history) == 0:
             shape = (0, self.horizon_steps, len(self.skeleton.joints), 3)
             return Forecast(np.zeros(shape), None)
@@ -40,7 +44,14 @@ class Forecasting(ABC):
             np.ascontiguousarray(observed, dtype=np.bool_),
         )
         entered = enter(histories, self._tables)
-        ahead = self._ahead(entered)[:, : self.horizon_steps]
+        ahead = self._ahead(entered)
+        people, joints = len(history), len(self._tables.given)
+        shape = (*ahead.shape[:1], *ahead.shape[2:])
+        if shape not in ((people, joints, 3), (people, joints, 4)):
+            raise PredictorError(  # the compiled loops below would read past its end
+                f"the network gave shape {ahead.shape}, not ({people}, H, {joints}, 3 or 4)"
+            )
+        ahead = ahead[:, : self.horizon_steps]
         predicted = np.ascontiguousarray(ahead[..., :3])
         std = self._std(ahead[..., 3]) if ahead.shape[-1] == 4 else None
         return Forecast(leave(predicted, entered, histories, self._tables), std)

@@ -18,7 +18,7 @@ from pydantic import TypeAdapter
 
 from hri_predict import __version__
 from hri_predict.base.errors import ConfigError
-from hri_predict.base.files import atomic_write
+from hri_predict.base.files import atomic_write, read_text
 from hri_predict.cli.common import writing
 from hri_sim.bench.rows import Row
 
@@ -77,16 +77,14 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
     """Read an earlier bench: its machine, and its rows by section.
 
     Raises:
-        ConfigError: the file does not exist, or no bench wrote it.
+        ConfigError: the file cannot be read, or no bench wrote it.
     """
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        told = json.loads(read_text(path, "--baseline"))
         if told["format"] != FORMAT:
             raise ValueError(told["format"])
         sections = TypeAdapter(dict[str, list[Row]]).validate_python(told["sections"])
         machine = dict(told["machine"])
-    except OSError as error:
-        raise ConfigError(f"--baseline {path}: {error.strerror}; {_REMEDY}") from error
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ConfigError(
             f"--baseline {path}: not a bench of this version ({FORMAT}); {_REMEDY}"

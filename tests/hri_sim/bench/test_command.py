@@ -81,7 +81,7 @@ def test_comparing_two_runs(tmp_path, monkeypatch):
     [
         (["--only", "fest"], "did you mean 'fast'"),
         (["--worse-than", "2"], "has no effect without --baseline"),
-        (["--baseline", "none.json"], "create one with hri-predict bench --save"),
+        (["--baseline", "none.json"], "none.json: cannot be read: No such file"),
         (["--plot", "a.jpg"], "ends in .png or .svg"),
         (["--quick", "memory"], "--quick: has no effect before memory"),
     ],
@@ -91,6 +91,12 @@ def test_wrong_options_are_refused_in_one_line(asked, told):
     assert isinstance(done.exception, ConfigError), done.output
     assert told in str(done.exception)
     assert "\n" not in str(done.exception)
+
+
+def test_a_baseline_that_is_too_long_is_not_read(tmp_path):
+    path = tmp_path / "before.json"
+    path.write_text(" " * 1_000_001, encoding="utf-8")
+    assert "longer than 1000000 characters" in str(run("--baseline", path).exception)
 
 
 def test_a_factor_out_of_range_is_refused(tmp_path):

@@ -221,6 +221,10 @@ def fail(*_):
     raise KeyError("walking")
 
 
+TAKE = ("walking", "w.npz", [np.ones((99, 25, 3))])
+BAD_TAKE = ("walking", "w.npz", [np.full((99, 25, 3), np.inf)])
+
+
 @pytest.mark.parametrize(
     ("faults", "told"),
     [
@@ -233,6 +237,17 @@ def fail(*_):
         ({"starts": fail}, "KeyError"),
         ({"starts": lambda *_: [np.array([1_000_000])]}, "outside a take of"),
         ({"errors": lambda p, t: np.ones(3)}, r"errors have shape \(3,\)"),
+        ({"windows": "all"}, "TypeError: 'all' is a text, not a list"),
+        ({"takes": lambda *_: [None]}, "TypeError: cannot unpack"),
+        ({"takes": lambda *_: []}, "takes gives no action for"),
+        ({"takes": lambda *_: [("walking", "w.npz", [])]}, "w.npz: .*no recording of it"),
+        ({"takes": lambda *_: [TAKE, TAKE]}, "w.npz: gives action walking twice"),
+        ({"takes": lambda *_: [BAD_TAKE]}, "w.npz: has values that are not finite"),
+        ({"starts": lambda *_: [np.array([0.5])]}, r"starts are float64 of shape \(1,\)"),
+        ({"starts": lambda *_: [np.array([[0, 1]])]}, r"starts are int64 of shape \(1, 2\)"),
+        ({"starts": lambda *_: [3]}, r"starts are int64 of shape \(\)"),
+        ({"errors": lambda p, t: np.full(p.shape[:3], np.nan)}, "errors .*not finite"),
+        ({"errors": lambda p, t: np.ones((*p.shape[:2], 0))}, "errors have no joint"),
     ],
 )
 def test_a_packages_broken_benchmark_is_one_line(tmp_path, expmap, monkeypatch, faults, told):

@@ -94,3 +94,12 @@ def test_after_a_restart_of_the_source_it_begins_anew():
         even.move(k, int(ns))
     assert even.moved
     assert even.move(0, 10**12) == 10**12
+
+
+@pytest.mark.parametrize("first", [-(10**30), 2**70])
+def test_a_source_may_count_further_than_64_bits(first):
+    stamps = np.arange(200) * PERIOD_NS + late(6, 200, 30)
+    even = EvenCaptures()
+    found = [even.move(first + k, int(ns)) for k, ns in enumerate(stamps)]
+    assert (moved(range(200), stamps) == found).all()
+    even.move(2**90, int(stamps[-1]) + PERIOD_NS)

@@ -258,6 +258,18 @@ def test_a_deviation_that_is_not_finite_is_no_forecast(tmp_path, random_network,
         drift(path)
 
 
+@pytest.mark.parametrize("of", [lambda a: a[:, :, :20], lambda a: torch.cat([a, a], -1)])
+def test_a_network_of_another_shape_is_refused(tmp_path, random_network, monkeypatch, of):
+    class Other(Drift):
+        def forward(self, window: BodyFrames) -> torch.Tensor:
+            return of(super().forward(window))
+
+    save_weights(tmp_path / "o", "drift", random_network(Drift), {})
+    monkeypatch.setattr(DriftPredictor, "network_class", Other)
+    with pytest.raises(PredictorError, match=r"shape \(1, 10, .* not \(1, H, 28, 3 or 4\)"):
+        drift(tmp_path / "o", horizon_s=0.4)
+
+
 def test_weights_that_give_no_finite_forecast_are_refused_at_the_start(
     tmp_path, random_network, monkeypatch
 ):
