@@ -102,6 +102,11 @@ def nearest(word: str, known: Iterable[str]) -> str:
     return f"; did you mean '{close[0]}'?" if close else ""
 
 
+def first_line(error: object) -> str:
+    """Return the first line of an error's text; the name of its class if the text is empty."""
+    return next(iter(str(error).splitlines()), type(error).__name__)
+
+
 def expected_shape(kind: str, keys: Sequence[str]) -> str | None:
     """Return the expected form if a value should be a settings block or a list; otherwise ``None``.
 

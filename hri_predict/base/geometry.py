@@ -202,13 +202,15 @@ def in_polygon(points: Floats, corners: Floats) -> Bools:
     return inside
 
 
+def side(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> float:
+    """Return twice the area of a triangle in the plane; positive if c lies left of a to b."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
 def crosses_itself(polygon: Sequence[Sequence[float]]) -> bool:
     """Whether two edges cross at a point inside both, so that the polygon's interior is
     ambiguous.
     """
-
-    def side(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> float:
-        return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
     edges = list(zip(polygon, [*polygon[1:], polygon[0]], strict=True))
     return any(

@@ -38,6 +38,11 @@ class Look:
         red, green, blue = (int(self.colour[k : k + 2], 16) for k in (1, 3, 5))
         return red, green, blue
 
+    def rgba(self, opacity: float) -> tuple[float, float, float, float]:
+        """Return the colour as red, green, blue and opacity, 0 to 1."""
+        red, green, blue = self.rgb
+        return red / 255, green / 255, blue / 255, opacity
+
 
 _WHITE, _BLACK = "#fff", "#111"
 _TRIANGLE, _DIAMOND = "50,6 96,90 4,90", "50,2 98,50 50,98 2,50"

@@ -112,7 +112,7 @@ def predictor_settings(
     asked |= changes or {}
     if weights is not None:
         if "weights" not in model.model_fields:
-            raise ConfigError(f"--weights: {name} takes no weights; leave it out")
+            raise ConfigError(f"--weights: {name} does not use weights; leave it out")
         asked["weights"] = str(weights)
     return validated(model, asked, f"--predictor {name}")
 

@@ -78,7 +78,7 @@ def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
 
     if predictor in ("zero_velocity", "constant_velocity"):
         if weights is not None:
-            raise ConfigError(f"--weights: {predictor} takes no weights; leave it out")
+            raise ConfigError(f"--weights: {predictor} does not use weights; leave it out")
         return None
     if network_class_of(predictor) is None:
         raise ConfigError(

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.clock import Clock
+from hri_predict.base.errors import first_line
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.base.settings import Pose, Region, Settings, Vector3
 from hri_predict.contracts.joint_map import JointMap
@@ -173,8 +174,7 @@ class SourceCounters:
 
     def note(self, trouble: Exception | str) -> None:
         """Store one line about an error."""
-        lines = str(trouble).splitlines()
-        self.last_error = lines[0] if lines else type(trouble).__name__
+        self.last_error = first_line(trouble)
 
 
 class Live(Protocol):

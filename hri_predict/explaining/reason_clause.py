@@ -22,13 +22,6 @@ _CAUSES = {
     "blind": "because the source was blind, or its scenes too old or frozen",
     "lost": "because a person was lost",
 }
-_SHORT = {
-    "PERSON_NEAR": "too close",
-    "PERSON_APPROACHING": "may get too close",
-    "PERSON_LOST": "lost",
-    "SPEED_UNKNOWN": "speed unknown",
-    "CONTACT_POSSIBLE": "contact possible",
-}
 _OBEYS_ADVICES = 12
 """Number of Advice messages, half a second, within which a robot must keep a lower limit."""
 _WIDEN_ZONES = {r.name for r in Reason if r.row.widens_zones}
@@ -51,7 +44,8 @@ def brief(told: Told, info: RecordingInfo) -> str:
         return reason_text(reason).partition(";")[0]
     link = in_words(link_of(told, info))
     where = f"{in_words(part)} {metres(distance_of(told))} from {link}"
-    return f"person {person}'s {where}, {_SHORT.get(reason, reason_text(reason))}"
+    short = Reason[reason].row.short if reason in Reason.__members__ else ""
+    return f"person {person}'s {where}, {short or reason_text(reason)}"
 
 
 def reason_text(reason: str) -> str:

@@ -1,6 +1,7 @@
 """Messages to CAN frames and back: classic (AUTOSAR E2E profile 2) and FD (profile 5)."""
 
 from dataclasses import dataclass
+from functools import cache
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.protocol import e2e
@@ -105,28 +106,23 @@ class CanSender:
         if self._fd:
             frames = [self._fd_frame(number, padded(definition, payload)) for payload in payloads]
         else:
-            frames = self._classic_frames(definition, robot_of(message), payloads[0])
+            frames = self._classic_frames(definition, number, payloads[0])
         if self.own is not None:
             for frame in frames:
                 self.own.sent(frame)
         return frames
 
-    def _classic_frames(self, definition: Definition, robot: int, payload: bytes) -> list[CanFrame]:
-        parts = sorted(needed_parts(definition, payload))
-        numbers = [frame_number(definition, robot, part) for part in parts]
-        counter = self._next(numbers[0])
+    def _classic_frames(self, definition: Definition, first: int, payload: bytes) -> list[CanFrame]:
+        places = _places(first, needed_parts(definition, payload))
+        counter = self._next(first)
         return [
             CanFrame(
                 self._base + number,
-                e2e.protect_profile2(
-                    counter,
-                    payload[part * PART_BYTES : (part + 1) * PART_BYTES],
-                    _ID_LISTS[number],
-                ),
+                e2e.protect_profile2(counter, payload[start : start + PART_BYTES], ids),
                 False,
                 self._extended,
             )
-            for part, number in zip(parts, numbers, strict=True)
+            for number, start, ids in places
         ]
 
     def _fd_frame(self, number: int, payload: bytes) -> CanFrame:
@@ -139,7 +135,18 @@ class CanSender:
         return counter
 
 
-_ID_LISTS = {number: e2e.data_id_list(number) for number in frame_table(classic=True)}
+_CLASSIC = frame_table(classic=True)
+_ID_LISTS = {number: e2e.data_id_list(number) for number in _CLASSIC}
+
+
+@cache
+def _places(first: int, parts: frozenset[int]) -> tuple[tuple[int, int, bytes], ...]:
+    """Return number, first payload byte and data ids of each frame of the message whose part 0 has
+    the number ``first``, in sending order.
+    """
+    definition, robot, _ = _CLASSIC[first]
+    numbers = {part: frame_number(definition, robot, part) for part in sorted(parts)}
+    return tuple((number, part * PART_BYTES, _ID_LISTS[number]) for part, number in numbers.items())
 
 
 class _Stream:

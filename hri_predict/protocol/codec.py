@@ -98,8 +98,8 @@ def encode_payloads(message: Message, items: int | None = None) -> list[bytes]:
         return _split(message, capsules, items)
     if isinstance(message, Pose):
         return _split(message, message.joints, items)
-    if not 0 <= robot_of(message) < MAX_ROBOTS:
-        raise ValueError(f"robot {robot_of(message)} is not one of 0..{MAX_ROBOTS - 1}")
+    if not 0 <= (robot := robot_of(message)) < MAX_ROBOTS:
+        raise ValueError(f"robot {robot} is not one of 0..{MAX_ROBOTS - 1}")
     computed = _robot_state_computed(message) if isinstance(message, RobotState) else ()
     return [_PACK[type(message)](message, computed)]
 

@@ -43,6 +43,7 @@ class Row:
             without delay.
         latches: latch cause of this reason: "blind" if the room is not seen, "lost" if a person may
             be in it unseen; "" for none.
+        short: its text after a body part and a distance, in lists of decisions; "": ``text``.
         by_distance: whether the level depends on the distance of a person.
         in_view: whether people or zones in view stop the robot; recovery may then back it out.
         contradicts: whether RobotStates contradict themselves or each other; the node's Status also
@@ -60,6 +61,7 @@ class Row:
     _: KW_ONLY
     rank: int | None = None
     latches: Literal["", "blind", "lost"] = ""
+    short: str = ""
     by_distance: bool = False
     in_view: bool = False
     contradicts: bool = False

@@ -31,6 +31,7 @@ class Reason(IntEnum):
         "the person is farther away: the separation exceeds its limit by risk.band_m",
         Kind.PEOPLE,
         rank=7,
+        short="too close",
         by_distance=True,
         in_view=True,
     )
@@ -40,6 +41,7 @@ class Reason(IntEnum):
         "the person is farther away: the predicted separation exceeds its limit by risk.band_m",
         Kind.PEOPLE,
         rank=6,
+        short="may get too close",
         by_distance=True,
         in_view=True,
     )
@@ -65,6 +67,7 @@ class Reason(IntEnum):
         "the person is seen again or seen not to be there, or an Acknowledge of the advised "
         "latch id arrives",
         Kind.PEOPLE,
+        short="lost",
         by_distance=True,
     )
     LATCHED = Row(
@@ -92,6 +95,7 @@ class Reason(IntEnum):
         "the person's speed is not known yet; physical limits are used",
         "the person's joints have been seen for long enough",
         Kind.PEOPLE,
+        short="speed unknown",
         by_distance=True,
     )
     CONTACT_POSSIBLE = Row(
@@ -100,6 +104,7 @@ class Reason(IntEnum):
         "the person is farther away: the separation exceeds its limit by risk.band_m",
         Kind.PEOPLE,
         rank=5,
+        short="contact possible",
         by_distance=True,
     )
     NO_INPUT = Row(20, "no scene received yet", "the source delivers scenes", Kind.INPUT)

@@ -13,6 +13,7 @@ import numpy as np
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.quantities.units import meant
 from hri_predict.base.settings import Region
+from hri_predict.operation.monitoring.remote import REMEDY
 from hri_predict.risk.areas import floor_distance
 from hri_predict.robots.model import RobotModel
 from hri_predict.run.config import Config
@@ -98,8 +99,7 @@ def place_notes(config: Config, robots: Sequence[RobotModel]) -> list[str]:
         beyond_m, what = (0.0, "") if model.base is None else _distance(config, model)
         if beyond_m > (0.0 if _view(config) is not None else NEAR_M):
             notes.append(
-                f"robot {model.name}: its reach ends {beyond_m:.2f} m from {what}; check "
-                "that its position and the source's are in metres and in the same room frame"
+                f"robot {model.name}: its reach ends {beyond_m:.2f} m from {what}; {REMEDY}"
             )
     return notes
 

@@ -53,6 +53,8 @@ class Feed(View):
 
     Attributes:
         addresses: addresses of the listening screens, by name.
+        dropped: number of pictures that could not be created, or that a screen missed; each counts
+            once, however many screens missed it.
     """
 
     def __init__(
@@ -70,15 +72,11 @@ class Feed(View):
         self._levels: dict[int, Level] = {}
         self._changes: deque[dict[str, Any]] = deque(maxlen=CHANGES)
         self._changed = 0
-        self._failed = 0
+        self.dropped = 0
+        self._is_failing = False
         self._rated = (0, 0, 0.0)  # ticks, node time, rate
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._feed, name="feed", daemon=True)
-
-    @property
-    def dropped(self) -> int:
-        """Number of pictures that could not be created, or that a screen was not shown."""
-        return self._failed + sum(screen.dropped for screen in self.screens)
 
     def bind(self, assembly: Assembly) -> None:
         """Accept the assembly whose ticks are shown."""
@@ -147,15 +145,18 @@ class Feed(View):
             try:
                 packed = self._pack(tick, self._assembly)
             except Exception:
-                self._failed += 1
-                if self._failed == 1:
+                self.dropped += 1
+                if not self._is_failing:
+                    self._is_failing = True
                     log.exception(
                         "a picture could not be created; further failures are only counted"
                     )
                 continue
+            missed = 0
             for screen in self.screens:
                 screen.keep_alive()
-                screen.show(packed)
+                missed += not screen.show(packed)
+            self.dropped += missed > 0
 
     def _pack(self, tick: Tick, assembly: Assembly) -> bytes:
         picture = picture_of(tick, assembly)

@@ -103,8 +103,12 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
             return
         if said_ns is None or now_ns - said_ns >= SAY_NS:
             self._refused_said_ns, self._refused_before = now_ns, count
-            log.warning("link '%s': %d messages refused: %s", self.name, count, why)
-            self._note(LinkError(f"{count} messages refused: {why}"))
+            self._say(f"{count} messages refused: {why}")
+
+    def _say(self, line: str) -> None:
+        """Log a line, which becomes the link's last error."""
+        log.warning("link '%s': %s", self.name, line)
+        self._note(LinkError(line))
 
     @staticmethod
     @abstractmethod

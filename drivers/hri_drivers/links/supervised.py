@@ -20,7 +20,7 @@ from hri_drivers.links.slots import BULK, Budget, Slots
 from hri_drivers.wires.backoff import BackOff
 from hri_drivers.wires.transport import READ_TIMEOUT_S, Transport, TransportBusy
 from hri_predict.base.clock import Clock
-from hri_predict.base.errors import LinkError
+from hri_predict.base.errors import LinkError, first_line
 from hri_predict.contracts.link import LinkCounters, LinkSettings, Received
 from hri_predict.protocol.messages import Advice, FromController, Message, RobotState, at_encoding
 from hri_predict.protocol.own_frames import OwnFrames
@@ -298,8 +298,7 @@ class SupervisedLink(Generic[U]):
         self._retry_ns = now_ns + int(self._back_off.next_s(now_ns) * 1e9)
 
     def _note(self, error: Exception) -> None:
-        text = str(error).splitlines()
-        self.last_error = text[0] if text else type(error).__name__
+        self.last_error = first_line(error)
 
     def _drain(self, now: Callable[[], int], with_bulk: bool = True, paced: bool = False) -> None:
         """Write posted messages, most urgent first; bulk only within its budget.

@@ -22,7 +22,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from hri_drivers.wires.ros2_settings import MAX_DOMAIN, Discovery, Ros2Settings
-from hri_predict.base.errors import LinkError
+from hri_predict.base.errors import LinkError, first_line
 from hri_predict.base.quantities.whole import whole
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -84,7 +84,7 @@ class SpinningNode:
             raise
         except Exception as error:  # RCLError, RuntimeError, or the middleware's own
             self.close()
-            why = (str(error).splitlines() or [type(error).__name__])[0]
+            why = first_line(error)
             raise LinkError(
                 f"ROS 2 does not start: {why}; check RMW_IMPLEMENTATION and {PROFILES}"
             ) from error

@@ -17,7 +17,7 @@ from serial.tools import list_ports
 
 from hri_drivers.wires.transport import READ_TIMEOUT_S, TransportBusy
 from hri_drivers.wires.usb_ports import Comports, UsbDevice, find_port
-from hri_predict.base.errors import LinkError
+from hri_predict.base.errors import LinkError, first_line
 
 Parity = Literal["none", "even", "odd", "mark", "space"]
 StopBits = Literal[1, 2]
@@ -181,7 +181,7 @@ class SerialTransport:
         return self._serial
 
     def _lost(self, error: Exception) -> LinkError:
-        return LinkError(f"{self._name}: lost ({_first_line(error)}); check cable and power")
+        return LinkError(f"{self._name}: lost ({first_line(error)}); check cable and power")
 
 
 def read_some(device: Any, timeout_s: float | None = None) -> bytes:
@@ -299,7 +299,7 @@ def demand_serial_device(port: str) -> str:
 
 def open_remedy(error: BaseException, key: str = "port") -> str:
     """The reason why a port does not open, and the remedy; ``key`` is its name in YAML."""
-    number, text = getattr(error, "errno", None), _first_line(error)
+    number, text = getattr(error, "errno", None), first_line(error)
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "FileNotFound" in str(error):
         return f"not found; plug it in or correct '{key}' ({_present()})"
     if "no ports found matching" in text:  # hwgrep://
@@ -326,7 +326,3 @@ def open_remedy(error: BaseException, key: str = "port") -> str:
 def _present() -> str:
     names: Sequence[str] = [p.device for p in list_ports.comports()]
     return f"ports here: {', '.join(sorted(names))}" if names else "no serial ports found here"
-
-
-def _first_line(error: BaseException) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__

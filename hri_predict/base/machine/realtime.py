@@ -125,7 +125,7 @@ def _pin(cores: set[int]) -> str:
         os.sched_setaffinity(0, cores)
     except (OSError, AttributeError) as error:
         there = ", ".join(map(str, sorted(usable_cores())))
-        return f"cores {sorted(cores)} cannot be had ({error}); this process may use: {there}"
+        return f"cores {sorted(cores)} are not available ({error}); this process may use: {there}"
     return ""
 
 

@@ -86,7 +86,7 @@ def _cores(settings: RealtimeSettings) -> list[MachineProperty]:
             named = ", ".join(map(str, missing))
             may = ", ".join(map(str, sorted(usable)))
             remedy = f"this process may use {may}; name some of these, or widen its cpuset"
-            found.append(MachineProperty(f"realtime.{key}", f"{named} cannot be had", remedy, key))
+            found.append(MachineProperty(f"realtime.{key}", f"not available: {named}", remedy, key))
     return found
 
 

@@ -56,6 +56,11 @@ def phrase(key: str, description: str) -> str:
     return f"{said}, {unit}" if unit else said
 
 
+def rounded(value: float | None) -> float | None:
+    """Return a number for people and files, to four digits after the point."""
+    return None if value is None else round(value, 4)
+
+
 def meant(value: float, unit: str, low: float = -math.inf, high: float = math.inf) -> str:
     """Return the hint for a number that is too large: ``metres are meant: 0.8?``; empty for other
     units.

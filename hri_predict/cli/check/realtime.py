@@ -20,7 +20,7 @@ def look(config: Config) -> dict[str, Any]:
     settings, rate_hz = config.node.realtime, config.node.rate_hz
     findings = survey(settings)
     refused = [finding.refused for finding in findings if finding.refused]
-    nothing = RealtimeSettings()  # what cannot be had is left out of the measured loop
+    nothing = RealtimeSettings()  # what is not available is left out of the measured loop
     settings = settings.model_copy(update={key: getattr(nothing, key) for key in refused})
     idle = wake_ups(settings, MEASURED_S)
     with load(rate_hz, settings):

@@ -157,9 +157,9 @@ def contact_table(name: str, facts: dict[str, Any]) -> Table:
     return table
 
 
-# -- effect of each tool on a robot, and the worst of all: a part of check -------------------------
+# -- effect of each tool on a robot, and the worst case: a part of check -------------------------
 
-WORST = "worst of all"
+WORST = "worst case"
 
 
 def tool_facts(

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StrictBool, field_validator
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, first_line
 from hri_predict.base.files import load_yaml, read_yaml
 from hri_predict.base.settings import MIN_SPEED_M_S, Point, Settings, Vector3, validated
 from hri_predict.cli.register.points import ask, point_from, say
@@ -201,7 +201,7 @@ def _value(question: str, settings: Any, key: str) -> Any:
             data = settings.model_dump() | {key: load_yaml(line)}
             return validated(type(settings), data, "answer")
         except Exception as error:  # YAML has errors of many kinds; all mean: once more
-            say(f"not understood: {str(error).splitlines()[0]}")
+            say(f"not understood: {first_line(error)}")
     return settings
 
 

@@ -3,6 +3,7 @@
 from collections import Counter
 from typing import Any
 
+from hri_predict.base.quantities.units import rounded
 from hri_predict.explaining.counters import rise
 from hri_predict.explaining.episodes import LEVEL_NAMES, robot_of
 from hri_predict.explaining.reason_clause import reason_text
@@ -110,9 +111,9 @@ class Tally:
                 {
                     "ahead_s": ahead_s,
                     "joints": int(spread.weight),
-                    "mean_m": _rounded(spread.mean),
-                    "p50_m": _rounded(spread.percentile(0.5)),
-                    "p95_m": _rounded(spread.percentile(0.95)),
+                    "mean_m": rounded(spread.mean),
+                    "p50_m": rounded(spread.percentile(0.5)),
+                    "p95_m": rounded(spread.percentile(0.95)),
                     "zone_joints": self.foresight.inside[ahead_s][1],
                     "coverage": _share(*self.foresight.inside[ahead_s]),
                 }
@@ -169,7 +170,7 @@ def _robot(robot: RobotShift, full_m_s: float | None, recordings: Recordings) ->
             )
         ],
         "near_misses": len(near),
-        "nearest_miss_m": _rounded(min(near, default=None)),
+        "nearest_miss_m": rounded(min(near, default=None)),
         "near_by_pair": [
             {"body_part": part, "robot_part": link, "count": len(found), "least_m": min(found)}
             for (part, link), found in sorted(robot.near.items(), key=lambda i: -len(i[1]))
@@ -177,17 +178,17 @@ def _robot(robot: RobotShift, full_m_s: float | None, recordings: Recordings) ->
         "nearest_m": None if robot.nearest is None else round(robot.nearest[0], 3),
         "nearest_at": None if robot.nearest is None else shown(robot.nearest[1], recordings),
         "separation": [[round(edge, 1), round(s, 1)] for edge, s in robot.separation.rows(BINS)],
-        "age_p50_s": _rounded(robot.ages.percentile(0.5)),
-        "age_p99_s": _rounded(robot.ages.percentile(0.99)),
+        "age_p50_s": rounded(robot.ages.percentile(0.5)),
+        "age_p99_s": rounded(robot.ages.percentile(0.99)),
         "top_m_s": round(top, 3),
         "permitted_share": None if mean is None or not top else round(mean / top, 4),
-        "full_speed_share": _rounded(robot.limits.share_at_least(top - 0.01) if top else None),
+        "full_speed_share": rounded(robot.limits.share_at_least(top - 0.01) if top else None),
         "hours": [
             {
                 "from": shown(max(key * HOUR_NS, recordings.start_ns), recordings, 0),
                 "seconds_at": {name: round(hour.seconds[name], 1) for name in LEVEL_NAMES},
                 "stops": hour.stops,
-                "permitted_share": _hourly(hour.limit_s, sum(hour.seconds.values()) * top),
+                "permitted_share": _share(hour.limit_s, sum(hour.seconds.values()) * top),
             }
             for key, hour in sorted(robot.hours.items())
         ],
@@ -198,13 +199,5 @@ def _lost(seconds: float, top_m_s: float) -> float | None:
     return round(seconds, 1) if top_m_s else None
 
 
-def _hourly(limit_s: float, possible: float) -> float | None:
-    return round(limit_s / possible, 4) if possible else None
-
-
-def _share(part: int, whole: int) -> float | None:
+def _share(part: float, whole: float) -> float | None:
     return round(part / whole, 4) if whole else None
-
-
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(value, 4)

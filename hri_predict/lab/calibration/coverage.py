@@ -84,18 +84,19 @@ class Coverage:
 
     def share(self, of: str) -> Floats:
         """(H,) share inside, pooled over all windows; NaN where nothing is known."""
-        return _ratio(self.held[of].sum(0), self.known[of].sum(0))
+        return ratio(self.held[of].sum(0), self.known[of].sum(0))
 
     def interval(self, of: str, seed: int = 0) -> tuple[Floats, Floats]:
         """(H,) and (H,): 95 % interval of ``share`` from resampling recordings (bootstrap)."""
         count = len(self.names)
         draws = np.random.default_rng(seed).multinomial(count, np.full(count, 1 / count), RESAMPLES)
-        shares = _ratio(draws @ self.held[of], draws @ self.known[of])
+        shares = ratio(draws @ self.held[of], draws @ self.known[of])
         low, high = (_nanquantile(shares, q) for q in INTERVAL)
         return low, high
 
 
-def _ratio(held: Floats, known: Floats) -> Floats:
+def ratio(held: Floats, known: Floats) -> Floats:
+    """Return the share of ``known`` that ``held`` is; NaN where nothing is known."""
     return np.where(known > 0, held / np.maximum(known, 1), np.nan)
 
 

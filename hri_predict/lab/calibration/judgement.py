@@ -10,7 +10,7 @@ from hri_predict.lab.calibration.coverage import Calibrated, Coverage, as_calibr
 from hri_predict.lab.calibration.levels import levels_text
 from hri_predict.lab.calibration.scores import Scores
 from hri_predict.lab.calibration.sizes import Sizes, measure_sizes
-from hri_predict.lab.evaluation.table import HORIZONS_MS, Table, plain
+from hri_predict.lab.evaluation.table import HORIZONS_MS, Table, percent, plain
 from hri_predict.zones.calibration import OFS, Calibration
 from hri_predict.zones.motion_class import SPEED_CLASSES
 from hri_predict.zones.settings import LEVELS, CoverageSettings
@@ -144,9 +144,9 @@ def _by_action(judged: ZoneJudgement) -> list[Table]:
             rows = []
             for action in judged.actions:
                 share = coverage.of_action(action).share(of)
-                cells = [_one(share[judged.at(ms)]) for ms in judged.horizons()]
+                cells = [percent(share[judged.at(ms)]) for ms in judged.horizons()]
                 widened, unlike = coverage.trust_of(action)
-                rows.append((action, *cells, _one(widened), _one(unlike)))
+                rows.append((action, *cells, percent(widened), percent(unlike)))
             subject = "each joint" if of == "joint" else "the whole body"
             title = f"By action at {100 * DEFAULT_LEVEL:g} %, {subject}, {way}, %"
             found.append(Table(title, columns, tuple(rows)))
@@ -239,10 +239,6 @@ def _percent(share: float, low: float, high: float) -> str:
     if not np.isfinite(share):
         return "–"
     return f"{100 * share:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
-
-
-def _one(share: float) -> str:
-    return f"{100 * share:.1f}" if np.isfinite(share) else "–"
 
 
 def _volume(volume: float, share: float) -> str:

@@ -9,7 +9,7 @@ from types import TracebackType
 import torch
 from torch import Tensor, distributed
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, first_line
 from hri_predict.lab.training.windows.samples import Samples
 
 
@@ -38,7 +38,7 @@ class Processes:
         except (ValueError, RuntimeError) as error:
             raise ConfigError(
                 f"WORLD_SIZE={os.environ['WORLD_SIZE']}: the processes cannot connect; "
-                f"start them with torchrun ({str(error).splitlines()[0]})"
+                f"start them with torchrun ({first_line(error)})"
             ) from error
         return cls(distributed.get_rank(), distributed.get_world_size())
 

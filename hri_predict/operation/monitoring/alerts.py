@@ -29,7 +29,7 @@ from hri_predict.operation.alerting.kinds import KINDS, AnyHook
 from hri_predict.operation.alerting.sender import HookContext
 from hri_predict.operation.alerting.settings import HookSettings
 from hri_predict.operation.monitoring.flapping import Change, Flapping
-from hri_predict.operation.monitoring.remote import WATCH_S, Remote
+from hri_predict.operation.monitoring.remote import REMEDY, WATCH_S, Remote
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import NamedZoneState
@@ -201,8 +201,7 @@ class Alerts:
                 was=level,
                 reason="no person was seen near it",
                 detail=f"{robot}: no person was seen nearer than {away_m:.1f} m within "
-                f"{WATCH_S:g} s; check that its position and the source's are in metres and in "
-                "the same room frame",
+                f"{WATCH_S:g} s; {REMEDY}",
                 clears_when="",
                 separation_m=advice.separation_m,
                 speed_limit_m_s=advice.speed_limit_m_s,

@@ -9,6 +9,8 @@ from hri_predict.protocol.messages import Advice
 FAR_M = 8.0
 """Near a robot at a workplace, a person comes nearer than this within a minute of observation."""
 WATCH_S = 60.0
+REMEDY = "check that its position and the source's are in metres and in the same room frame"
+"""Remedy for a robot that is far from everything observed."""
 
 
 class Remote:

@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from hri_predict.base.quantities.units import rounded
 from hri_predict.contracts.link import Link
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.node import Node
@@ -240,7 +241,7 @@ def summarise(
         },
         publish_phase_ms=None if phase is None else round(phase.phase_s * 1e3, 3),
         links=[_link_row(link, pace.connected.get(link.name, False)) for link in links],
-        min_separation_m=_rounded(levels.min_separation_m),
+        min_separation_m=rounded(levels.min_separation_m),
         slowdowns=levels.slowdowns,
         stops=levels.stops,
         contacts=None,
@@ -311,10 +312,6 @@ def _alerts(hook: dict[str, Any]) -> str:
     told = {name: n for name, n in counts.items() if n or name == "delivered"}
     last = f"; last error: {hook['last_error']}" if hook["last_error"] else ""
     return f"alerts by {hook['name']}: {_counts(told)}{last}"
-
-
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(value, 4)
 
 
 def _shares(seconds_at: dict[str, float]) -> str:

@@ -26,6 +26,7 @@ from hri_predict.base.skeleton import CANONICAL, Skeleton, make_skeleton
 from hri_predict.contracts import registry
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Network, NetworkClass, Shape, network_class_of
+from hri_predict.predictors.neural.session import line_of
 
 MAX_BYTES = 512 * 2**20  # ten times the largest network of the papers in single precision
 _KEY = "hri_predict"  # key of the header's metadata
@@ -126,13 +127,13 @@ def read_header(path: Path) -> Header:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
     except (SafetensorError, OSError) as error:
-        raise _broken(path, f"not a whole safetensors file ({_line(error)})") from error
+        raise _broken(path, f"not a whole safetensors file ({line_of(error)})") from error
     if _KEY not in metadata:
         raise _broken(path, "not weights of hri-predict: the header lacks their description")
     try:
         data = json.loads(metadata[_KEY])
     except (ValueError, RecursionError) as error:
-        raise _broken(path, f"its header is not JSON ({_line(error)})") from error
+        raise _broken(path, f"its header is not JSON ({line_of(error)})") from error
     return validated(Header, data, f"weights {path}")
 
 
@@ -159,7 +160,7 @@ def load_weights(path: Path, horizon_steps: int | None = None) -> LoadedWeights:
         tensors = _tensors(path, planned)
         network = network_class(shape, options)
     except (ValueError, TypeError, RuntimeError, ArithmeticError, LookupError) as error:
-        why = f"no {header.method} can be built from its header ({_line(error)})"
+        why = f"no {header.method} can be built from its header ({line_of(error)})"
         raise _broken(path, why) from error
     network.load_state_dict(tensors, strict=False)  # only the adversary is missing
     return LoadedWeights(network.eval().requires_grad_(False), header.method, header.card)
@@ -269,7 +270,7 @@ def _tensors(path: Path, planned: Network) -> dict[str, Tensor]:
             _check_kinds(planned, {n: file.get_slice(n).get_dtype() for n in wanted}, path)
             tensors = {name: file.get_tensor(name) for name in wanted}
     except (SafetensorError, OSError) as error:
-        raise _broken(path, f"not a whole safetensors file ({_line(error)})") from error
+        raise _broken(path, f"not a whole safetensors file ({line_of(error)})") from error
     _check_finite(tensors, path)
     return tensors
 
@@ -302,7 +303,3 @@ def _check_finite(tensors: dict[str, Tensor], path: Path) -> None:
 
 def _broken(path: Path, why: str) -> PredictorError:
     return PredictorError(f"weights {path}: {why}; {_REMEDY}")
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200] or type(error).__name__

@@ -7,6 +7,7 @@ import socket
 import threading
 from collections.abc import Mapping, Sequence
 
+from hri_predict.base.errors import first_line
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.discovery.services import NODE, DiscoverySettings, instance, txt
 
@@ -107,7 +108,7 @@ class Announcer:
             zeroconf.close()  # withdraws it
 
     def _note(self, error: Exception) -> None:
-        text = str(error).splitlines()[0] if str(error) else type(error).__name__
+        text = first_line(error)
         if text != self.last_error:
             where = ", ".join(self._settings.interfaces)
             log.warning("not announced on %s (%s); check discovery.interfaces", where, text)

@@ -62,7 +62,7 @@ def zone_markers(zone: Zone, *, stamp_ns: int, frame_id: str, level: Level) -> b
         frame_id: the room's frame in ROS.
         level: determines the colour.
     """
-    colour = _colour(level, ALPHA_AHEAD if zone.step else ALPHA_NOW)
+    colour = LOOKS[level.name].rgba(ALPHA_AHEAD if zone.step else ALPHA_NOW)
     drawn = [
         (zone.person * PARTS + 2 * k, capsule)
         for k, capsule in enumerate(zone.capsules[: PARTS // 2])
@@ -93,7 +93,7 @@ def pose_markers(pose: Pose, *, stamp_ns: int, frame_id: str, level: Level) -> b
     )
     markers = _Markers(1, stamp_ns, frame_id, f"forecast {pose.step}")
     shape = (*_ORIGIN, BONE_M, BONE_M, 0.0)
-    colour = _colour(level, 1.0)
+    colour = LOOKS[level.name].rgba(1.0)
     markers.add(pose.person * PARTS, kind, shape=shape, colour=colour, points=points)
     return markers.take()
 
@@ -176,8 +176,3 @@ def _is_finite(capsule: ZoneCapsule) -> bool:
 
 def _all_finite(values: Sequence[float]) -> bool:
     return all(map(math.isfinite, values))
-
-
-def _colour(level: Level, alpha: float) -> Colour:
-    red, green, blue = LOOKS[level.name].rgb
-    return red / 255, green / 255, blue / 255, alpha

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from hri_predict.base.quantities.units import rounded
 from hri_predict.contracts.link import Link
 from hri_predict.node.node import Node
 from hri_predict.protocol.messages import Advice, Status, at_encoding
@@ -37,8 +38,8 @@ def advice_to_dict(
         "now_ns": now_ns,
         "name": name,
         "level_number": int(advice.level),
-        "speed_m_s": None if grounds is None else _rounded(grounds.speed_m_s),
-        "needed_m": None if grounds is None else _rounded(grounds.needed_m),
+        "speed_m_s": None if grounds is None else rounded(grounds.speed_m_s),
+        "needed_m": None if grounds is None else rounded(grounds.needed_m),
         "grounds": None if grounds is None else _grounds(grounds, capsules),
     }
 
@@ -53,20 +54,16 @@ def _grounds(grounds: Grounds, capsules: Sequence[str]) -> dict[str, Any]:
         "person": grounds.person,
         "segment": grounds.segment,
         "robot_capsule": capsules[link] if named and link is not None else None,
-        "pair_m": _rounded(grounds.pair_m),
-        "separation_m": _rounded(grounds.separation_m),
-        "slack_m": _rounded(grounds.slack_m),
-        "reaction_s": _rounded(grounds.reaction_s),
-        "stopping_s": _rounded(grounds.stopping_s),
-        "human_m_s": _rounded(grounds.human_m_s),
-        **({"place_error_m": _rounded(grounds.place_error_m)} if grounds.place_error_m else {}),
-        "terms_m": {} if terms is None else {k: _rounded(v) for k, v in asdict(terms).items()},
-        "protective_m": None if terms is None else _rounded(terms.total),
+        "pair_m": rounded(grounds.pair_m),
+        "separation_m": rounded(grounds.separation_m),
+        "slack_m": rounded(grounds.slack_m),
+        "reaction_s": rounded(grounds.reaction_s),
+        "stopping_s": rounded(grounds.stopping_s),
+        "human_m_s": rounded(grounds.human_m_s),
+        **({"place_error_m": rounded(grounds.place_error_m)} if grounds.place_error_m else {}),
+        "terms_m": {} if terms is None else {k: rounded(v) for k, v in asdict(terms).items()},
+        "protective_m": None if terms is None else rounded(terms.total),
     }
-
-
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(value, 4)
 
 
 def counters_of(node: Node, links: Sequence[Link]) -> Mapping[str, Any]:

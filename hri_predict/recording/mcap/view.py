@@ -32,11 +32,6 @@ PAIR = "separation"
 """The name of the entity that joins the deciding pair of a robot begins with it."""
 
 
-def _rgba(level: Level, opacity: float) -> Rgba:
-    red, green, blue = LOOKS[level.name].rgb
-    return red / 255, green / 255, blue / 255, opacity
-
-
 _BONES = [(joint, parent) for joint, parent in enumerate(PARENTS) if parent >= 0]
 _WAIST = JOINTS.index("waist")
 
@@ -114,10 +109,10 @@ def scene_update(picture: Seen, utc_ns: int) -> dict[str, Any]:
     for id_, ends, radius in picture.zones:
         sound = np.isfinite(ends).all(axis=(1, 2)) & np.isfinite(radius)
         if sound.any():
-            rgba = _rgba(worst, ZONE_OPACITY)
+            rgba = LOOKS[worst.name].rgba(ZONE_OPACITY)
             add(f"zone {id_}", **well_known.capsules(ends[sound], radius[sound], rgba))
     for name, own, own_radius, level, text in picture.robots:
-        rgba = _rgba(level, 0.9)
+        rgba = LOOKS[level.name].rgba(0.9)
         if own is not None and own_radius is not None:
             solid = well_known.capsules(own, own_radius, rgba)
             top = own.reshape(-1, 3).max(axis=0)
@@ -125,7 +120,7 @@ def scene_update(picture: Seen, utc_ns: int) -> dict[str, Any]:
             add(f"robot {name}", **solid, texts=[well_known.label(above, text, rgba)])
     for name, between, level, text in picture.pairs:
         if np.isfinite(between).all():
-            rgba = _rgba(level, 1.0)
+            rgba = LOOKS[level.name].rgba(1.0)
             label = well_known.label(between.mean(axis=0).round(3).tolist(), text, rgba)
             line = well_known.lines(between[None], PAIR_M, rgba)
             add(f"{PAIR} {name}", lines=[line], texts=[label])

@@ -6,7 +6,7 @@ from pathlib import Path
 from struct import Struct
 from typing import Any
 
-from hri_predict.base.errors import HriPredictError, RecordingError
+from hri_predict.base.errors import HriPredictError, RecordingError, first_line
 from hri_predict.protocol.ros.messages import Release, of_cdr, typestore
 
 BAG_ENDING = ".bag"
@@ -126,5 +126,5 @@ def open_bag(path: Path) -> Iterator[Bag]:
     except (HriPredictError, OSError):
         raise
     except Exception as error:  # rosbags and what it uses raise many kinds on damaged files
-        said = (str(error).splitlines() or [""])[0][:120] or type(error).__name__
+        said = first_line(error)[:120]
         raise RecordingError(f"recording {path}: not a whole bag: {said}; {_REMEDY}") from error

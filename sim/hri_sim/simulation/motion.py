@@ -3,6 +3,7 @@
 A motion is one person's recording, or one procedural script, mapped to canonical joints.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -167,8 +168,6 @@ def _drawn(name: str) -> dict[str, Any]:
 
 # -- scripts of people at work beside a robot, by name: they need no recording ---------------------
 
-_TO_ROBOT = 3.1415926
-
 
 def _gesture(hand: str, at: tuple[float, float, float], hold_s: float) -> dict[str, Any]:
     """Return a gesture of one hand while talking."""
@@ -185,7 +184,7 @@ def _reach_in() -> dict[str, Any]:
 SCRIPTS: dict[str, dict[str, Any]] = {
     "talking": {
         "start": [0.0, 0.0],
-        "yaw": _TO_ROBOT,
+        "yaw": math.pi,  # towards the robot
         "script": [
             {"do": "wait", "seconds": 1.5},
             _gesture("right", (0.35, 0.25, 1.2), 0.6),
@@ -198,7 +197,7 @@ SCRIPTS: dict[str, dict[str, Any]] = {
     },
     "reaching": {
         "start": [0.0, 0.0],
-        "yaw": _TO_ROBOT,
+        "yaw": math.pi,  # towards the robot
         "script": [
             {"do": "wait", "seconds": 2.0},
             _reach_in(),

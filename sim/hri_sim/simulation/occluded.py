@@ -15,6 +15,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError, HriPredictError
+from hri_predict.base.geometry import side
 from hri_predict.base.settings import validated
 from hri_predict.base.work.workers_for import workers_for
 from hri_predict.node.listeners import Tick
@@ -66,22 +67,18 @@ def _hull(points: Floats) -> Floats:
     for chosen in (order, order[::-1]):
         chain: list[tuple[float, ...]] = []
         for point in chosen:
-            while len(chain) >= 2 and _turn(chain[-2], chain[-1], point) <= 0:
+            while len(chain) >= 2 and side(chain[-2], chain[-1], point) <= 0:
                 chain.pop()
             chain.append(point)
         chains.append(chain[:-1])
     return np.array(chains[0] + chains[1])
 
 
-def _turn(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> float:
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-
 def _clipped(subject: Floats, convex: Floats) -> Floats:
     """Clip a polygon to a convex, counterclockwise one (Sutherland, Hodgman 1974)."""
     points = [tuple(p) for p in subject.tolist()]
     for a, b in zip(convex.tolist(), np.roll(convex, -1, axis=0).tolist(), strict=True):
-        inside = [_turn(a, b, p) >= 0 for p in points]
+        inside = [side(a, b, p) >= 0 for p in points]
         kept = []
         for i, point in enumerate(points):
             before, was_inside = points[i - 1], inside[i - 1]
@@ -97,7 +94,7 @@ def _crossing(
     a: Sequence[float], b: Sequence[float], p: Sequence[float], q: Sequence[float]
 ) -> tuple[float, float]:
     """Return the point where the line a b crosses the segment p q."""
-    from_p, from_q = _turn(a, b, p), _turn(a, b, q)
+    from_p, from_q = side(a, b, p), side(a, b, q)
     part = from_p / (from_p - from_q)
     return p[0] + part * (q[0] - p[0]), p[1] + part * (q[1] - p[1])
 

@@ -151,7 +151,7 @@ def test_plots_that_cannot_be_made_are_refused_before_the_work(cli, made, tmp_pa
     ("arguments", "said"),
     [
         (["--predictor", "constant_velocty"], "constant_velocity"),
-        ([*CV, "--weights", "x.safetensors"], "--weights: constant_velocity takes no weights"),
+        ([*CV, "--weights", "x.safetensors"], "--weights: constant_velocity does not use weights"),
         ([*CV, "--calibration", "x.json"], "--calibration: has no effect without --check"),
         ([*CV, "--disturb"], "--disturb: has no effect without --check"),
         ([*CV, "--horizon", "0"], "--horizon 0: too short"),

@@ -114,11 +114,11 @@ def test_euler_error_is_read_twice(cli, pack):
         (["--benchmark", "cmu", "--predictor", "kalman"], "trained predictors"),
         (["--benchmark", "cmu", "--predictor", "stb"], "give --weights FILE"),
         (["--benchmark", "cmu", "--predictor", "stbb"], "unknown predictor 'stbb'"),
-        (["--benchmark", "cmu", "--weights", "w"], "takes no weights"),
+        (["--benchmark", "cmu", "--weights", "w"], "does not use weights"),
         (["--benchmark", "cmu", "--error", "euler", "--predictor", "constant_velocity"], "--error"),
         (["--benchmark", "human36m"], "S5/<action>_<n>.txt"),
         (["--split", "tests"], "did you mean 'test'"),
-        (["--weights", "w"], "takes no weights"),
+        (["--weights", "w"], "does not use weights"),
         (["--predictor", "kalman", "--predictor", "kalman"], "--predictor kalman: given twice"),
         (
             ["--predictor", "kalman", "--predictor", "sinn", "--weights", "w"],

@@ -1,4 +1,4 @@
-"""Tools that change: the worst of all counts until the controller has confirmed one."""
+"""Tools that change: the worst case applies until the controller has confirmed one."""
 
 from typing import Any
 

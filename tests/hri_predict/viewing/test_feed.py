@@ -7,6 +7,8 @@ import subprocess
 import sys
 import time
 import urllib.request
+from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -26,6 +28,19 @@ def test_a_feed_shows_that_a_picture_could_not_be_made_and_goes_on(caplog):
             time.sleep(0.1)
     assert feed.dropped >= 2
     assert caplog.text.count("could not be created") == 1
+
+
+def test_a_picture_that_two_screens_miss_is_dropped_once(monkeypatch):
+    shown = [Mock(side_effect=[False, True, False]), Mock(side_effect=[False, True, True])]
+    screens: list[Any] = [Mock(is_waiting=False, show=show) for show in shown]
+    monkeypatch.setattr(Feed, "_pack", lambda *_: b"")
+    with Feed([]) as feed:
+        feed._assembly = object()  # type: ignore[assignment]
+        feed.screens = screens
+        for number, dropped in enumerate([1, 1, 2], 1):
+            feed._newest = object()  # type: ignore[assignment]
+            wait_for(lambda number=number: shown[1].call_count == number)
+            wait_for(lambda dropped=dropped: feed.dropped == dropped)
 
 
 def test_without_viser_one_line_says_how_to_get_it(monkeypatch):

@@ -16,6 +16,7 @@ import can.interface
 
 from hri_drivers.links.can.packages import missing_driver
 from hri_drivers.wires.serial import open_remedy
+from hri_predict.base.errors import first_line
 
 OPEN_S = 8.0
 """Maximum time for opening an interface: the slowest one here, slcan, waits two seconds."""
@@ -121,8 +122,3 @@ def remedy(error: Exception, interface: str) -> str:
     if interface == "slcan" and isinstance(chain[-1], OSError):
         return open_remedy(chain[-1], "channel")
     return f"cannot be opened ({text}); correct 'channel', 'bitrate' or 'options'"
-
-
-def first_line(error: Exception) -> str:
-    """The first line of an error's text, or its kind."""
-    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -9,10 +9,10 @@ import can
 from can.typechecking import CanFilter
 
 from hri_drivers.links.can.errors import BUS_OFF, DOWN, BusHealth, why_not_on_bus
-from hri_drivers.links.can.opening import causes, first_line, open_bus, open_limit_s, remedy
+from hri_drivers.links.can.opening import causes, open_bus, open_limit_s, remedy
 from hri_drivers.wires.serial import MAX_READ, open_remedy, read_some
 from hri_drivers.wires.transport import READ_TIMEOUT_S, TransportBusy
-from hri_predict.base.errors import LinkError, nearest
+from hri_predict.base.errors import LinkError, first_line, nearest
 from hri_predict.protocol.can import CanFrame
 
 SEND_TIMEOUT_S = 0.05

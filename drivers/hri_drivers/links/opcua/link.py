@@ -3,7 +3,6 @@
 ``drivers/OPCUA.md`` defines the variables, ``docs/guides/opcua.md`` describes the PLC's side.
 """
 
-import logging
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,8 +14,6 @@ from hri_drivers.links.opcua.transport import OpcUaTransport
 from hri_drivers.links.plant.link import PlantLink, PlantLinkSettings
 from hri_predict.base.errors import LinkError
 from hri_predict.base.quantities.safe_side import Safety
-
-log = logging.getLogger(__name__)
 
 UNPROTECTED = (
     "OPC UA carries no CRC or counter from this node: not protected end to end; a client must stop "
@@ -108,7 +105,3 @@ class OpcUaLink(PlantLink[OpcUaLinkSettings]):
         if isinstance(device, OpcUaTransport):
             device.robots = tuple(robots)
             device.say = self._say
-
-    def _say(self, line: str) -> None:
-        log.warning("link '%s': %s", self.name, line)
-        self._note(LinkError(line))

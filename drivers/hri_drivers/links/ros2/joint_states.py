@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from hri_drivers.wires.ros2_heard import SEVERAL_GIDS, Heard
 from hri_drivers.wires.ros2_publishers import Publishers
 from hri_drivers.wires.ros2_settings import TopicName
+from hri_predict.base.errors import first_line
 from hri_predict.base.quantities.safe_side import LessSafe, Safety
 from hri_predict.base.settings import Settings
 from hri_predict.protocol.messages import RobotMode, RobotState
@@ -99,7 +100,7 @@ class JointStateReader:
         try:
             state = self._state(Heard.of(data))
         except Exception as error:  # of any kind, on damaged bytes
-            self.refused = (str(error).splitlines() or [type(error).__name__])[0][:300]
+            self.refused = first_line(error)[:300]
             self._counters.malformed += 1
             return None
         self._counters.received += state is not None

@@ -5,7 +5,6 @@ topics carry the same content in plain messages without end-to-end protection.
 """
 
 import contextlib
-import logging
 from collections.abc import Sequence
 from itertools import combinations
 from typing import ClassVar, Self
@@ -32,8 +31,6 @@ from hri_predict.protocol.ros.link_topics import Topics, doubled, unknown
 from hri_predict.protocol.ros.plain import PlainMessages
 from hri_predict.protocol.wire import StateShape, wire_bits
 from hri_predict.robots.settings import RobotSettings, StateMotion
-
-log = logging.getLogger(__name__)
 
 MBIT = 1_000_000
 UNPROTECTED = (
@@ -260,10 +257,6 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
                     f"links '{a.name}' and '{b.name}' differ in 'discovery', which applies to the "
                     f"whole process; give both the same"
                 )
-
-    def _say(self, line: str) -> None:
-        log.warning("link '%s': %s", self.name, line)
-        self._note(LinkError(line))
 
     def _end(self) -> None:
         """Publish a final 0 to every robot, then close."""

@@ -22,7 +22,7 @@ from hri_drivers.links.ros2.codec import FRAMES, JOINT_STATES, Publication
 from hri_drivers.wires.ros2 import SpinningNode
 from hri_drivers.wires.ros2_heard import Graph, Heard
 from hri_drivers.wires.ros2_settings import Ros2Settings
-from hri_predict.base.errors import LinkError
+from hri_predict.base.errors import LinkError, first_line
 from hri_predict.protocol.ros.cdr import byte_array
 from hri_predict.protocol.ros.link_topics import Topics, type_of
 
@@ -113,7 +113,9 @@ class Ros2Transport:
             self._spinning.spin()
         except Exception as error:  # RCLError, InvalidHandle, ValueError of a name
             self.close()
-            raise LinkError(f"ROS 2: {_short(error)}; correct 'namespace' or 'remap'") from error
+            raise LinkError(
+                f"ROS 2: {first_line(error)[:200]}; correct 'namespace' or 'remap'"
+            ) from error
 
     def write(self, unit: Publication) -> None:
         """Publish; does not wait for subscribers.
@@ -130,7 +132,7 @@ class Ros2Transport:
             for topic, content in unit.plain:
                 self._publisher(topic).publish(content)
         except Exception as error:  # RCLError, InvalidHandle: its context was shut down
-            raise LinkError(f"ROS 2: {_short(error)}; reopening") from error
+            raise LinkError(f"ROS 2: {first_line(error)[:200]}; reopening") from error
 
     def read(self, timeout_s: float) -> list[Publication]:
         """Return what has arrived from others.
@@ -256,7 +258,3 @@ def offered(topic: str, silence_s: float) -> str:
 
 def _type(topic: str) -> Any:
     return CLASSES[type_of(topic)]
-
-
-def _short(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:200]

@@ -28,7 +28,7 @@ from hri_drivers.sources.tcp import (
     StreamServer,
     check_exposure,
 )
-from hri_predict.base.errors import SourceError
+from hri_predict.base.errors import SourceError, first_line
 from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.contracts.source import SourceCounters
 
@@ -73,8 +73,9 @@ class WebSocketSettings(SceneJsonSettings):
             if url is not None:
                 parse_uri(url)
         except (InvalidURI, ValueError) as error:
-            why = str(error).splitlines()[0]
-            raise ValueError(f"{why}; give it as ws://192.168.0.7:8765/scenes") from None
+            raise ValueError(
+                f"{first_line(error)}; give it as ws://192.168.0.7:8765/scenes"
+            ) from None
         return url
 
 
@@ -219,7 +220,7 @@ def _why(error: Exception) -> str:
     """Reason for a missing connection, in one line."""
     if isinstance(error, TimeoutError):  # of the connection, of TLS, or of the handshake
         return f"no WebSocket server answers within {CONNECT_TIMEOUT_S:g} s"
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
+    return first_line(error)
 
 
 def _as_bytes(message: str | bytes) -> bytes:

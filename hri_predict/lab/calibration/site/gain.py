@@ -13,6 +13,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import Skeleton
+from hri_predict.lab.calibration.coverage import ratio
 from hri_predict.lab.calibration.site.adapted import groups, moved_factors
 from hri_predict.lab.calibration.site.parts import Part
 from hri_predict.lab.evaluation.table import HORIZONS_MS, Table, percent, plain
@@ -71,9 +72,9 @@ def measured_gain(base: Calibration, parts: Sequence[Part], skeleton: Skeleton) 
     for of in OFS:
         for when in (BEFORE, AFTER):
             total = sums.get((of, when))
-            held[of, when] = unknown if total is None else _share(total[0], total[1])
-            radius[of, when] = unknown if total is None else _share(total[2], total[4])
-            volume[of, when] = unknown if total is None else _share(total[3], total[4])
+            held[of, when] = unknown if total is None else ratio(total[0], total[1])
+            radius[of, when] = unknown if total is None else ratio(total[2], total[4])
+            volume[of, when] = unknown if total is None else ratio(total[3], total[4])
     return Gain(parts=len(parts), held=held, radius_m=radius, volume=volume, rate_hz=base.rate_hz)
 
 
@@ -107,10 +108,6 @@ def _add(
 ) -> None:
     known = sums.get(key)
     sums[key] = counts if known is None else [a + b for a, b in zip(known, counts, strict=True)]
-
-
-def _share(part: Floats, whole: Floats) -> Floats:
-    return np.where(whole > 0, part / np.maximum(whole, 1), np.nan)
 
 
 # -- for people and programs -----------------------------------------------------------------------

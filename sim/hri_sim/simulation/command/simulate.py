@@ -353,7 +353,7 @@ def _one(flag: str, values: list[T] | None, where: str) -> T | None:
 def _shipped_weights(predictor: str | None) -> str | None:
     if predictor is not None and "=" in predictor:
         raise ConfigError(
-            f"--predictor {predictor}: --occlude takes no weights; name them in the configuration"
+            f"--predictor {predictor}: not with --occlude; name weights in the configuration"
         )
     return predictor
 

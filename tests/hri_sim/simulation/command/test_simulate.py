@@ -63,7 +63,7 @@ def test_tables_files_and_resumed_json(cli, small, tmp_path):
         (["nowhere.yaml"], "no such file"),
         (["demo.yaml"], "approach"),
         (["--predictor", "sinn="], "--predictor sinn=: write NAME or NAME=WEIGHTS"),
-        (["--predictor", "kalman=w"], "takes no weights"),
+        (["--predictor", "kalman=w"], "does not use weights"),
         (["--predictor", "kalman", "--calibration", "none.json"], "none.json"),
         (["--split", "tset"], "--split tset: unknown; did you mean 'test'"),
         (["--split", "test_motion"], "--split test_motion: has no effect on procedural"),
@@ -93,7 +93,7 @@ def test_a_mistake_is_one_line_and_status_2(cli, arguments, message, tmp_path, m
     [
         (["--mode", "bogus"], "--mode bogus: unknown (iso, predictive, hybrid, reactive, fixed)"),
         (["--mode", "foreknown"], "--mode foreknown: unknown"),
-        (["--predictor", "sinn=w"], "--predictor sinn=w: --occlude takes no weights"),
+        (["--predictor", "sinn=w"], "--predictor sinn=w: not with --occlude"),
         (["--rates", "0.01"], "rates"),
         (["--rates", "nan"], "rates"),
         (["--rates", "1000"], "rates"),
