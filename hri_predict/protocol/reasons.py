@@ -1,7 +1,6 @@
 """The reasons for an advice, one row each: the problem, the remedy and the consequences.
 
-The numbers are sent on the wire and must never be reused. Sets of reasons are derived from these
-rows.
+The numbers are sent on the wire and must never be reused. Sets of reasons follow from the rows.
 """
 
 from enum import IntEnum, unique
