@@ -142,7 +142,7 @@ BREAKS = (
         "hri_predict/run/coverage.py",
         "{100 * coverage.level:g} %",
         "{coverage.level:g} %",
-        "tests/hri_predict/cli/check/test_check_risk.py",
+        "tests/hri_predict/run/test_coverage.py",
     ),
     Break(
         "unit: an error in millimetres is a tenth of what it is",
@@ -177,7 +177,7 @@ BREAKS = (
         "hri_predict/cli/listen.py",
         "if not silent and silence_s > SILENCE_S:",
         "if silent and silence_s > SILENCE_S:",
-        "tests/hri_predict/cli/test_listen.py",
+        "tests/hri_predict/cli/test_real_time.py",
     ),
     Break(
         "bound: a lost device is tried again every 2 s from the first time on",

@@ -30,8 +30,8 @@ ALWAYS = (
     "tests/test_english.py",
     "tests/test_readme.py::test_command",
     # They alone find a break of ``tests.broken``.
+    "tests/hri_predict/cli/test_real_time.py::test_listen_hears_the_node_from_its_start_to_its_end",
     "tests/hri_predict/library/test_spread.py::test_nine_tenths_of_a_normal_distribution",
-    "tests/hri_predict/viewing/test_feed.py::test_a_run_with_a_page_says",
     "tests/hri_sim/fault_table/test_incident.py::test_a_story_in_which_all_goes_well_holds",
 )
 """Tests that stay in the day whatever they cost, by the start of their names."""

@@ -50,6 +50,13 @@ def test_in_a_flood_the_newest_is_taken_at_twice_the_nominal_rate():
     assert all(b - a <= 6 for a, b in itertools.pairwise(late))
 
 
+def test_in_a_flood_no_more_than_its_capacity_is_taken_in_one_moment():
+    inbox = SceneInbox(30.0)
+    for i in range(2 * CAPACITY):
+        inbox.put(heard(i))
+        assert len(taken(inbox, S)) == (i < CAPACITY)
+
+
 def test_when_it_says_that_one_may_be_taken_one_may():
     inbox = SceneInbox(30.0)
     now_ns = S

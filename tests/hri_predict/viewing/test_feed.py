@@ -13,6 +13,7 @@ from unittest.mock import Mock
 import pytest
 
 from hri_predict.base.errors import ConfigError
+from hri_predict.protocol.messages import Level
 from hri_predict.viewing import feed as feeds
 from hri_predict.viewing.feed import Feed, check_viser
 from tests.browser import wait_for
@@ -41,6 +42,14 @@ def test_a_picture_that_two_screens_miss_is_dropped_once(monkeypatch):
             feed._newest = object()  # type: ignore[assignment]
             wait_for(lambda number=number: shown[1].call_count == number)
             wait_for(lambda dropped=dropped: feed.dropped == dropped)
+
+
+def test_a_level_that_stays_is_no_change(monkeypatch):
+    monkeypatch.setattr(feeds, "said_of", lambda advice, _: {"level": advice.level})
+    feed = Feed([])
+    for level in (Level.CLEAR, Level.CLEAR, Level.STOP, Level.STOP, Level.CLEAR):
+        feed.on_tick(Mock(advices=[Mock(robot=0, level=level)]))
+    assert [change["level"] for change in feed._changes] == [Level.CLEAR, Level.STOP, Level.CLEAR]
 
 
 def test_without_viser_one_line_says_how_to_get_it(monkeypatch):
