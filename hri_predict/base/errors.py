@@ -37,6 +37,10 @@ class UnusableRecordingError(RecordingError):
     """
 
 
+class LostRecordingError(RecordingError):
+    """Most joints of a recording are farther away than any that can be believed."""
+
+
 class RobotError(HriPredictError):
     """A robot file or its trajectory is wrong: broken chain, missing capsule, joint count."""
 

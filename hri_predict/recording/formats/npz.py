@@ -25,7 +25,9 @@ import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.settings import MAX_COORDINATE_M
 from hri_predict.contracts.joint_map import JointMap, load_joint_map
+from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
 from hri_predict.recording.bounded import decoded
 from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.naming import map_of_names
@@ -189,7 +191,29 @@ def _recording(
         raise RecordingError(f"recording {path}: empty (no frames); choose another")
     arrays, person = of
     rate_hz = rate_of(path, arrays, "fps")
+    _check_near(path, joint_map, positions)
     return recording_of_one(path, kind, joint_map, positions, rate_hz=rate_hz, person=person)
+
+
+def _check_near(path: Path, joint_map: JointMap, positions: Floats) -> None:
+    """Reject positions that are not in metres, the unit of all three layouts.
+
+    Readers leave out what is too far away: in another unit, little may be left of the people.
+    """
+    known = ~np.isnan(positions).any(axis=-1)
+    far = (np.abs(positions) > MAX_COORDINATE_M).any(axis=-1)
+    if not far.any():
+        return
+    joints, seen = joint_map.map(positions, known & np.isfinite(positions).all(axis=-1))
+    stature = stature_m(list(zip(joints, seen, strict=True)))
+    unit = fitting_unit(stature, 1.0) if stature and not is_adult(stature) else None
+    if unit is None and 2 * far.sum() <= known.sum():
+        return
+    remedy = "correct them" if unit is None else f"multiply them by {unit[0]:g} ({unit[1]})"
+    raise RecordingError(
+        f"recording {path}: {far.sum() / known.sum():.0%} of its joints are more than "
+        f"{MAX_COORDINATE_M:g} m away; its positions must be in metres: {remedy}"
+    )
 
 
 def _positions(path: Path, array: Any, joints: int) -> Floats:
