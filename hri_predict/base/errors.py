@@ -7,6 +7,7 @@ without a traceback.
 
 import difflib
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from types import TracebackType
 
 
@@ -104,6 +105,23 @@ def nearest(word: str, known: Iterable[str]) -> str:
     ours = _OTHERS.get(word.lower())
     close = [ours] if ours in known else difflib.get_close_matches(word, known, n=1, cutoff=0.5)
     return f"; did you mean '{close[0]}'?" if close else ""
+
+
+def nearest_file(path: Path, others: Iterable[str] = ()) -> str:
+    """Return ``"; did you mean 'x'?"`` for a near file of the same folder and ending, or ``""``.
+
+    Args:
+        path: the file that does not exist.
+        others: names known elsewhere, considered if the folder has none as near.
+    """
+    try:
+        there = [p.name for p in path.parent.iterdir() if p.suffix == path.suffix]
+    except OSError:
+        there = []
+    for names in (there, list(others)):
+        if close := difflib.get_close_matches(path.name, names, n=1, cutoff=0.75):
+            return f"; did you mean '{path.parent / close[0] if names is there else close[0]}'?"
+    return ""
 
 
 def expected_shape(kind: str, keys: Sequence[str]) -> str | None:
