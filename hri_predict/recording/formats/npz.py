@@ -168,6 +168,14 @@ def _arms(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
     names = texts(arrays.get("joint_names", joint_map.source_joints))
     unknown = [n for n in names if n not in joint_map.source_joints]
     missing = [n for n in joint_map.source_joints if n not in names]
+    if len(unknown) > len(names) - len(unknown):  # another body, in the layout of any body
+        layout = ("positions", "joint_names", "parents", "fps")
+        lacking = [key for key in layout if key not in arrays]
+        raise RecordingError(
+            f"recording {path}: lacks {' and '.join(repr(key) for key in lacking)}; add "
+            f"{'it' if len(lacking) == 1 else 'them'}: a file with 'positions' holds also "
+            f"'joint_names', 'parents' (the index of each joint's parent) and 'fps'"
+        )
     if unknown or missing:
         wrong = f"unknown: {', '.join(unknown)}" if unknown else f"missing: {', '.join(missing)}"
         raise RecordingError(
