@@ -7,6 +7,7 @@ without a traceback.
 
 import difflib
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from types import TracebackType
 
 
@@ -35,6 +36,10 @@ class UnusableRecordingError(RecordingError):
 
     Other recordings may be usable.
     """
+
+
+class LostRecordingError(RecordingError):
+    """Most joints of a recording are farther away than any that can be believed."""
 
 
 class RobotError(HriPredictError):
@@ -105,6 +110,23 @@ def nearest(word: str, known: Iterable[str]) -> str:
 def first_line(error: object) -> str:
     """Return the first line of an error's text; the name of its class if the text is empty."""
     return next(iter(str(error).splitlines()), type(error).__name__)
+
+
+def nearest_file(path: Path, others: Iterable[str] = ()) -> str:
+    """Return ``"; did you mean 'x'?"`` for a near file of the same folder and ending, or ``""``.
+
+    Args:
+        path: the file that does not exist.
+        others: names known elsewhere, considered if the folder has none as near.
+    """
+    try:
+        there = [p.name for p in path.parent.iterdir() if p.suffix == path.suffix]
+    except OSError:
+        there = []
+    for names in (there, list(others)):
+        if close := difflib.get_close_matches(path.name, names, n=1, cutoff=0.75):
+            return f"; did you mean '{path.parent / close[0] if names is there else close[0]}'?"
+    return ""
 
 
 def expected_shape(kind: str, keys: Sequence[str]) -> str | None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.errors import ConfigError, LostRecordingError, RecordingError
 from hri_predict.base.settings import MAX_RATE_HZ, MIN_RATE_HZ
 from hri_predict.cli.common import (
     JointMapOption,
@@ -141,9 +141,15 @@ def _watched(source: Path) -> Iterator[None]:
 
 
 def _doubt(recording: Recording, reopened: Callable[[float], Recording]) -> str:
-    """Return why the file's people are implausible, with the remedy; "" if they are plausible."""
+    """Return why the file's people are implausible, with the remedy; "" if they are plausible.
+
+    Raises:
+        LostRecordingError: the output would lack most joints, and no unit could bring them back.
+    """
     try:
         check_possible(recording, reopened)
+    except LostRecordingError:
+        raise
     except RecordingError as error:
         return str(error).removeprefix(f"recording {recording.path}: ")
     return ""

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hri_predict.base.errors import RecordingError
+from hri_predict.base.errors import RecordingError, nearest_file
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 
 TWICE_NS = 1_000_000_000
@@ -179,5 +179,7 @@ def _paths(named: Sequence[Path]) -> list[Path]:
         elif os.path.exists(path):  # takes names that are too long
             found.append(path)
         else:
-            raise RecordingError(f"recording {path}: no such file or folder; check the path")
+            raise RecordingError(
+                f"recording {path}: no such file or folder{nearest_file(path)}; check the path"
+            )
     return list({path.resolve(): path for path in found}.values())

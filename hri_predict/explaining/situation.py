@@ -35,13 +35,14 @@ def people_seen(
     """Return each person at one instant.
 
     Returns:
-        One dict per person: ``id``; ``state``: tracked or lost; ``last_seen_s``: seconds since last
-        seen; ``age_s``: age of the capture, ``None`` without a forecast; ``observed``, ``joints``:
-        numbers of observed and of available joints; ``missing``: names of the missing joints;
-        ``speed``: "" if the standard's speed is used.
+        One dict per person: ``id``; ``state``: tracked or lost; ``last_seen_s``: seconds since a
+        joint was last seen, ``None`` if none was; ``age_s``: age of the capture, ``None`` without a
+        forecast; ``observed``, ``joints``: numbers of observed and of available joints;
+        ``missing``: names of the missing joints; ``speed``: "" if the standard's speed is used.
     """
     last = _last_seen(window, info, utc_ns)
     lost = _lost(window, utc_ns, last)
+    joint_ns = _last_joint_ns(window, info, utc_ns)
     captures = _captures(newest(window.forecasts, utc_ns, 1.0))
     found: list[dict[str, Any]] = []
     mapped = info.joint_map.mapped
@@ -49,13 +50,13 @@ def people_seen(
         if id_ not in lost and utc_ns - told.utc_ns > _PRESENT_NS:
             continue  # went by an exit, or was acknowledged
         missing = [n for n, has, at in zip(JOINTS, mapped, seen.observed, strict=True) if has > at]
-        made = captures.get(id_)
+        made, seen_ns = captures.get(id_), joint_ns.get(id_)
         found.append(
             {
                 "id": id_,
                 "state": "lost" if id_ in lost else "tracked",
-                "last_seen_s": round((utc_ns - told.utc_ns) / NS, 3),
-                "last_seen_utc_ns": told.utc_ns,
+                "last_seen_s": None if seen_ns is None else round((utc_ns - seen_ns) / NS, 3),
+                "last_seen_utc_ns": seen_ns,
                 "age_s": None if made is None else round((made[1] - made[0]) / NS, 3),
                 "observed": int(seen.observed.sum()),
                 "joints": int(mapped.sum()),
@@ -78,6 +79,17 @@ def _last_seen(
         if told.utc_ns <= utc_ns:
             found.update({seen.person: (told, seen) for seen in people_of(told, info.joint_map)})
     return found
+
+
+def _last_joint_ns(window: TimeWindow, info: RecordingInfo, utc_ns: int) -> dict[int, int]:
+    """Return when a joint of each person was last seen: a source may follow a body without any."""
+    return {
+        seen.person: told.utc_ns
+        for told in window.scenes
+        if told.utc_ns <= utc_ns
+        for seen in people_of(told, info.joint_map)
+        if seen.observed.any()
+    }
 
 
 def _lost(window: TimeWindow, utc_ns: int, last: dict[int, tuple[Told, SeenPerson]]) -> set[int]:

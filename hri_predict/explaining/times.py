@@ -38,18 +38,18 @@ def asked(text: str, recordings: Recordings, flag: str = "--at") -> AskedTime:
     if match := _SECONDS.fullmatch(text):
         width_ns = _width(match[1]) if match[1] else NS
         return AskedTime(recordings.start_ns + round(float(text) * NS), width_ns)
+    where, match = f"{flag} {text}", _DATED.fullmatch(text)
+    if match is None and not _CLOCK.fullmatch(text):
+        raise ConfigError(f"{where}: not a time; {_HINT}")
+    since, width_ns = _of_day(match[2] if match else text, where)
     if not recordings.info.has_utc:
         raise ConfigError(
-            f"{flag} {text}: these recordings have no UTC (a virtual run, or an old format); write "
+            f"{where}: these recordings have no UTC (a virtual run, or an old format); write "
             f"seconds since the start, such as 12.4"
         )
-    if match := _DATED.fullmatch(text):
-        since, width_ns = _of_day(match[2], f"{flag} {text}")
-        return AskedTime(_midnight(match[1], f"{flag} {text}") + since - _zone(match[3]), width_ns)
-    if _CLOCK.fullmatch(text):
-        since, width_ns = _of_day(text, f"{flag} {text}")
-        return AskedTime(_on_one_day(since, recordings, f"{flag} {text}"), width_ns)
-    raise ConfigError(f"{flag} {text}: not a time; {_HINT}")
+    if match:
+        return AskedTime(_midnight(match[1], where) + since - _zone(match[3]), width_ns)
+    return AskedTime(_on_one_day(since, recordings, where), width_ns)
 
 
 def shown(utc_ns: int, recordings: Recordings, digits: int = 1) -> str:

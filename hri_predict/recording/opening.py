@@ -6,7 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from hri_predict.base.errors import ConfigError, RecordingError, UnusableRecordingError
+from hri_predict.base.errors import (
+    ConfigError,
+    RecordingError,
+    UnusableRecordingError,
+    nearest_file,
+)
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.recording.format_table import ENDINGS, Format, of_ending
 from hri_predict.recording.formats.openpose import frames_in
@@ -60,7 +65,7 @@ def open_recording(
     """
     path = Path(path)
     if not os.path.exists(path):  # takes names that are too long
-        raise RecordingError(f"recording {path}: no such file; check the path")
+        raise RecordingError(f"recording {path}: no such file{nearest_file(path)}; check the path")
     path = next(iter(frames_in(path)), file_of(path))
     if not path.is_file():
         what = "a folder; name a file in it" if path.is_dir() else "a device, not a file"

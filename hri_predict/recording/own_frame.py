@@ -8,6 +8,7 @@ the room's heading.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -39,7 +40,9 @@ def in_own_frame(recording: Recording, reopened: Reopened) -> Recording:
     name = recording.joint_map.name.removesuffix(" by name")
     known = name in map_names() and name not in ("bvh", "canonical")
     tracker = load_joint_map(name) if known else None
-    if recording.kind not in KINDS or tracker is None or _refused(recording, check_possible) == "":
+    if recording.kind not in KINDS or tracker is None:
+        return recording
+    if not _refused(recording, partial(check_possible, reopened=reopened)):
         return recording
     if recording.kind == "csv" and is_own_table(recording.path):
         return recording

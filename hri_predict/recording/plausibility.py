@@ -10,9 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
-from hri_predict.base.errors import RecordingError
+from hri_predict.base.errors import LostRecordingError, RecordingError
 from hri_predict.base.settings import MAX_COORDINATE_M
-from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.contracts.scene import Scene
 from hri_predict.people.body.axes import standing_axes
 from hri_predict.people.body.posture import posture_of
@@ -29,6 +28,8 @@ TILTED = 0.2
 COHERENT = 0.3
 """Minimum length of that sum per length of bones: below, people tumble and show no down."""
 MIRRORED_M = 0.025
+_SMALL = 1e-100
+"""Factor of the unit with which no joint of any unit is too far away."""
 
 Reopened = Callable[[float], Recording]
 _Bodies = list[tuple[Floats, Bools]]
@@ -39,7 +40,7 @@ def check_possible(recording: Recording, reopened: Reopened | None = None) -> No
 
     Args:
         recording: as it was read.
-        reopened: reads the file again with other metres per unit: where all joints are too far away
+        reopened: reads the file again with other metres per unit: where joints are too far away
             to be believed, a remedy needs them.
 
     Raises:
@@ -66,40 +67,56 @@ def _check(recording: Recording, reopened: Reopened | None, *, whole: bool) -> N
     if recording.kind in PUBLISHED or not recording.joint_map.mapped.any():
         return
     bodies = list(_bodies(recording))
+    bodies, lost = _whole(recording, bodies, reopened)
     if not bodies:
         if recording.kind in SELF_EXPLAINED:  # an empty room, or people whose joints nobody saw
             return
-        raise RecordingError(_unseen(recording, reopened))
+        raise RecordingError(
+            f"recording {recording.path}: no joint of any person is known: all are missing; "
+            f"correct the export"
+        )
     wrong, units, unit_m = _size(recording, bodies)
+    if lost and not wrong:
+        wrong = "bodies are not where people can be"
     if unit_m is not None and reopened is not None:  # now too, some joints may be too far away
         bodies = list(_bodies(reopened(unit_m)))
     posed, axes = _axes(recording, bodies)
     if not (wrong or (whole and posed)):
         return
-    what = f"recording {recording.path}: {'; '.join([*([wrong] if wrong else []), *posed])}"
+    reasons = [*([lost] if lost else []), *([wrong] if wrong else []), *posed]
+    what = f"recording {recording.path}: {'; '.join(reasons)}"
+    kind = LostRecordingError if lost else RecordingError
     if wrong and not units:
-        raise RecordingError(
-            f"{what}; no unit explains that: correct the export's scale, or the joints' names"
+        raise kind(
+            f"{what}; no unit explains that: correct the export's scale or origin, or the joints' "
+            f"names"
         )
     options = " ".join(part for part in (units, axes) if part)
     if not options:
         raise RecordingError(f"{what}; no axes make them stand: correct the joints' names")
-    raise RecordingError(f"{what}{_remedy(recording, options)}")
+    raise kind(f"{what}{_remedy(recording, options)}")
 
 
-def _unseen(recording: Recording, reopened: Reopened | None) -> str:
-    """Return the message for a file without any believable joint."""
-    what = f"recording {recording.path}: no joint of any person is known"
-    for name, unit_m in METRES_PER_UNIT.items():
-        if reopened is None or unit_m >= recording.joint_map.scale_to_m:
-            continue
-        other = reopened(unit_m)
-        bodies = list(_bodies(other))
-        stature = stature_m(bodies)
-        if stature is not None and is_adult(stature):
-            options = f"--units {name} {_axes(other, bodies)[1]}".strip()
-            return f"{what}: all are more than {MAX_COORDINATE_M:g} m away{_remedy(other, options)}"
-    return f"{what}: all are missing, or more than {MAX_COORDINATE_M:g} m away; correct the export"
+def _whole(recording: Recording, bodies: _Bodies, reopened: Reopened | None) -> tuple[_Bodies, str]:
+    """Return the bodies with the joints too far away to be believed, if the unit may be the cause.
+
+    Readers leave such joints out, so in a wrong unit, what they kept says nothing about its size.
+
+    Returns:
+        These bodies, and what is wrong if most joints of the file are too far away, or else "".
+    """
+    adult = (stature := stature_m(bodies)) is not None and is_adult(stature)
+    people = sum(len(scene.people) for scene in judged(recording))
+    most = 2 * sum(seen.sum() for _, seen in bodies) >= people * recording.joint_map.mapped.sum()
+    if reopened is None or recording.kind in SELF_EXPLAINED or (adult and most):
+        return bodies, ""
+    small = _bodies(reopened(recording.joint_map.scale_to_m * _SMALL))
+    found = [(joints / _SMALL, seen) for joints, seen in small]
+    away = [(np.abs(joints) > MAX_COORDINATE_M).any(axis=-1) & seen for joints, seen in found]
+    far, known = np.sum(away), sum(seen.sum() for _, seen in found)
+    if 2 * far > known:
+        return found, f"{far / known:.0%} of the joints are more than {MAX_COORDINATE_M:g} m away"
+    return (found if far and not adult else bodies), ""
 
 
 def _size(recording: Recording, bodies: _Bodies) -> tuple[str, str, float | None]:

@@ -1,12 +1,15 @@
 """A link that replays a controller's recorded messages and sends nothing."""
 
+import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from hri_predict.base.clock import Clock
 from hri_predict.contracts.link import LinkCounters, Received
 from hri_predict.contracts.source import Source
 from hri_predict.protocol.messages import Message
+
+log = logging.getLogger(__name__)
 
 
 class PlayedLink:
@@ -48,7 +51,22 @@ class PlayedLink:
         """Do nothing: there is no device to close."""
 
 
-def played_links(source: Source, clock: Clock) -> tuple[PlayedLink, ...]:
-    """One link for each recorded link; none for a source without any."""
+def played_links(
+    source: Source, clock: Clock, reporting: Collection[str] = ()
+) -> tuple[PlayedLink, ...]:
+    """One link for each recorded link; none for a source without any.
+
+    Args:
+        source: the recording, or another source.
+        clock: the node's clock.
+        reporting: robots whose position only their controllers report. A warning says that a
+            recording without any message of controllers leaves them unknown.
+    """
     told = getattr(source, "received", ())
+    if reporting and not told and hasattr(source, "received"):
+        log.warning(
+            "the recording has no robot states, so %s stays unknown: leave out --no-links if the "
+            "links are simulated (simulate:), or set motion: {kind: standing} or a trajectory",
+            ", ".join(reporting),
+        )
     return tuple(PlayedLink(name, source, clock) for name in dict.fromkeys(n for n, _ in told))

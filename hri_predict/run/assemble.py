@@ -366,7 +366,8 @@ def build(
     risk = build_risk(
         config, source, predictor, trackers, obeyed=obeyed, last_latch_id=last_latch_id
     )
-    links = tuple(links or ()) or configured or played_links(source, clock)
+    reporting = [r.name for r in node.robots if r.motion.kind == "state"]
+    links = tuple(links or ()) or configured or played_links(source, clock, reporting)
     everybody = frozenset(range(len(robots)))
     advised = advised_on_links(config) if configured else [everybody for _ in links]
     repeats = build_repeats(config, source, configured) if configured else None

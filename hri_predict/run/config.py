@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import Field
 
-from hri_predict.base.errors import ConfigError, HriPredictError, nearest
+from hri_predict.base.errors import ConfigError, HriPredictError, nearest, nearest_file
 from hri_predict.base.files import data_path, line_of, read_text, read_yaml
 from hri_predict.base.machine.realtime import RealtimeSettings
 from hri_predict.base.quantities.whole import whole
@@ -244,8 +244,8 @@ def find(path: Path) -> Path:
         return shipped
     there = [p.name for p in data_path().glob("*.yaml")]
     raise ConfigError(
-        f"configuration {path}: no such file{nearest(path.name, there)}; "
-        f"shipped ones: {', '.join(sorted(there))}"
+        f"configuration {path}: no such file{nearest_file(path, there)}; check the path, or name "
+        f"one of the {len(there)} in {data_path()}, such as demo.yaml"
     )
 
 

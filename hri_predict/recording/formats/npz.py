@@ -25,7 +25,9 @@ import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.settings import MAX_COORDINATE_M
 from hri_predict.contracts.joint_map import JointMap, load_joint_map
+from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
 from hri_predict.recording.bounded import decoded
 from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.naming import map_of_names
@@ -166,6 +168,14 @@ def _arms(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
     names = texts(arrays.get("joint_names", joint_map.source_joints))
     unknown = [n for n in names if n not in joint_map.source_joints]
     missing = [n for n in joint_map.source_joints if n not in names]
+    if len(unknown) > len(names) - len(unknown):  # another body, in the layout of any body
+        layout = ("positions", "joint_names", "parents", "fps")
+        lacking = [key for key in layout if key not in arrays]
+        raise RecordingError(
+            f"recording {path}: lacks {' and '.join(repr(key) for key in lacking)}; add "
+            f"{'it' if len(lacking) == 1 else 'them'}: a file with 'positions' holds also "
+            f"'joint_names', 'parents' (the index of each joint's parent) and 'fps'"
+        )
     if unknown or missing:
         wrong = f"unknown: {', '.join(unknown)}" if unknown else f"missing: {', '.join(missing)}"
         raise RecordingError(
@@ -189,7 +199,29 @@ def _recording(
         raise RecordingError(f"recording {path}: empty (no frames); choose another")
     arrays, person = of
     rate_hz = rate_of(path, arrays, "fps")
+    _check_near(path, joint_map, positions)
     return recording_of_one(path, kind, joint_map, positions, rate_hz=rate_hz, person=person)
+
+
+def _check_near(path: Path, joint_map: JointMap, positions: Floats) -> None:
+    """Reject positions that are not in metres, the unit of all three layouts.
+
+    Readers leave out what is too far away: in another unit, little may be left of the people.
+    """
+    known = ~np.isnan(positions).any(axis=-1)
+    far = (np.abs(positions) > MAX_COORDINATE_M).any(axis=-1)
+    if not far.any():
+        return
+    joints, seen = joint_map.map(positions, known & np.isfinite(positions).all(axis=-1))
+    stature = stature_m(list(zip(joints, seen, strict=True)))
+    unit = fitting_unit(stature, 1.0) if stature and not is_adult(stature) else None
+    if unit is None and 2 * far.sum() <= known.sum():
+        return
+    remedy = "correct them" if unit is None else f"multiply them by {unit[0]:g} ({unit[1]})"
+    raise RecordingError(
+        f"recording {path}: {far.sum() / known.sum():.0%} of its joints are more than "
+        f"{MAX_COORDINATE_M:g} m away; its positions must be in metres: {remedy}"
+    )
 
 
 def _positions(path: Path, array: Any, joints: int) -> Floats:

@@ -9,6 +9,7 @@ Of a truncated file (after a kill or a power failure), everything before the cut
 """
 
 import json
+import shlex
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from functools import partial
@@ -88,7 +89,11 @@ def recording_info(path: str | Path) -> RecordingInfo:
             raise RecordingError(f"recording {path}: {error}") from error
         except CUT:
             pass
-    raise RecordingError(f"recording {path}: was not recorded by hri-predict; name another file")
+    raise RecordingError(
+        f"recording {path}: was not recorded by hri-predict; name another file, or record a replay "
+        f"of this one: hri-predict replay {shlex.quote(str(path))} --record "
+        f"{shlex.quote(f'{path.stem}_run.mcap')} --speed max"
+    )
 
 
 def read_messages(

@@ -68,7 +68,7 @@ def test_what_is_no_recording_in_a_folder_is_left_out_and_told(tmp_path):
     [
         ("none.mcap", "no such file"),
         ("empty", "has no .mcap"),
-        ("text.mcap", "not recorded by"),
+        ("text.mcap", "not recorded by .* replay .* --record text_run.mcap"),
         ("pipe.mcap", "is a device or a pipe, not a file"),
     ],
 )

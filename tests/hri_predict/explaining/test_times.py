@@ -55,6 +55,13 @@ def test_what_is_no_time_is_one_line(noon, text, words):
         asked(text, noon)
 
 
+@pytest.mark.parametrize("text", ["25:99", "noon"])
+def test_an_impossible_time_is_said_before_missing_utc(tmp_path, text):
+    virtual = Recordings([written(tmp_path / "a.mcap", told("CC"), utc_ns=None)])
+    with pytest.raises(ConfigError, match="not a time"):
+        asked(text, virtual)
+
+
 def test_a_time_of_two_days_needs_its_date(tmp_path):
     written(tmp_path / "a.mcap", told("CC"))
     written(tmp_path / "b.mcap", told("CC"), utc_ns=NOON + DAY)

@@ -1,5 +1,7 @@
 """Files whose people cannot be people are refused with the remedy, and no others."""
 
+import shlex
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +9,11 @@ import pytest
 
 from hri_predict.base.errors import RecordingError
 from hri_predict.base.skeleton import JOINTS
+from hri_predict.cli import main
 from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.recording.opening import opened
 from hri_sim.people.body import Body
+from hri_sim.replay import RecordingSettings, RecordingSource
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 _WHO = Body(1.75)
@@ -75,3 +79,65 @@ def test_people_may_lie_for_a_while(tmp_path):
 def test_no_recording_of_the_data_pack_is_refused():
     for path in sorted(DATA.glob("**/*.npz")):
         assert opened(path)
+
+
+def archive(path, bodies, factor):
+    """An archive as ``convert`` writes it, with its joints times a factor."""
+    np.savez(
+        path, joints=np.array(bodies) * factor, joint_names=np.array(JOINTS), mocap_framerate=30.0
+    )
+    return path
+
+
+def walk(frames=60):
+    """(frames, J, 3) a body that walks past the origin, where a wrong unit leaves some joints."""
+    return BODY - [2.0, 0.3, 0.9] + np.linspace([-4.0, 0.0, 0.0], [4.0, 0.0, 0.0], frames)[:, None]
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1000, "mm"), (100, "cm"), (1e6, ""), (1e12, "")])
+def test_units_are_judged_before_far_joints_are_left_out(tmp_path, factor, unit):
+    path = archive(tmp_path / "a.npz", walk(), factor)
+    with pytest.raises(RecordingError) as error:
+        opened(path)
+    assert (f"--units {unit}" if unit else "no unit explains that") in str(error.value)
+    with pytest.raises(RecordingError, match=unit or "no "):
+        RecordingSource(RecordingSettings(kind="recording", path=str(path)))
+
+
+def test_convert_writes_no_file_that_lacks_most_joints_and_its_remedy_works(
+    tmp_path, capsys, monkeypatch
+):
+    def ran(*words):
+        monkeypatch.setattr(sys, "argv", ["hri-predict", *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code
+
+    path = archive(tmp_path / "a.npz", walk(), 1000)
+    assert ran("convert", path, tmp_path / "b.mcap") != 0
+    assert not (tmp_path / "b.mcap").exists()
+    error = " ".join(capsys.readouterr().err.split())
+    command = error[error.index("hri-predict convert") :]
+    assert not ran(*shlex.split(command)[1:6])
+    assert opened(Path(shlex.split(command)[3]))
+
+
+def test_absurd_values_in_most_frames_are_refused_and_a_late_person_is_not(tmp_path):
+    mixed = walk()
+    mixed[::2] *= 1e5
+    mixed[::3] *= 1e7
+    with pytest.raises(RecordingError, match="more than 1000 m away"):
+        opened(archive(tmp_path / "mixed.npz", mixed, 1))
+    late = walk()
+    late[:50] = np.nan
+    late[55, 3] = 1e5
+    assert opened(archive(tmp_path / "late.npz", late, 1))
+
+
+@pytest.mark.parametrize("factor", [1000, 1e7])
+def test_a_layout_in_metres_is_refused_in_other_units(tmp_path, factor):
+    path = tmp_path / "a.npz"
+    np.savez(path, positions=walk() * factor, joint_names=np.array(JOINTS), parents=[0], fps=30.0)
+    with pytest.raises(RecordingError, match="must be in metres") as error:
+        opened(path)
+    assert ("multiply them by 0.001 (mm)" in str(error.value)) == (factor == 1000)

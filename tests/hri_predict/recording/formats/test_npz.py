@@ -27,6 +27,15 @@ def _canonical(recording, k):
     return recording.joint_map.map(person.positions, person.observed)
 
 
+@pytest.mark.parametrize(
+    ("more", "lacking"), [({}, "'parents' and 'fps';"), ({"fps": 30.0}, "'parents';")]
+)
+def test_missing_keys_of_any_body_are_named(tmp_path, more, lacking) -> None:
+    np.savez(tmp_path / "a.npz", positions=np.zeros((3, 21, 3)), joint_names=list(JOINTS), **more)
+    with pytest.raises(RecordingError, match=f"lacks {lacking}"):
+        open_recording(tmp_path / "a.npz")
+
+
 @needs_data
 def test_cmu_is_120_hz_z_up_on_the_floor_without_its_rest_pose() -> None:
     recording = open_recording(WALKING)

@@ -1,0 +1,21 @@
+"""Recorded controllers in a replay without links."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from hri_predict.recording.played_link import played_links
+
+
+@pytest.mark.parametrize(
+    ("source", "robots", "warned"),
+    [
+        (SimpleNamespace(received=()), ["arm"], True),
+        (SimpleNamespace(received=()), [], False),
+        (SimpleNamespace(received=[("plc", None)]), ["arm"], False),
+        (SimpleNamespace(), ["arm"], False),  # not a recording
+    ],
+)
+def test_a_recording_without_robot_states_says_so(caplog, source, robots, warned):
+    played_links(source, None, robots)
+    assert ("the recording has no robot states, so arm stays unknown" in caplog.text) == warned
