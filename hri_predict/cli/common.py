@@ -152,8 +152,17 @@ def writing(what: str, remedy: str) -> Iterator[None]:
         raise ConfigError(f"{what}: cannot be written: {error.strerror}; {remedy}") from error
 
 
+def check_out(out: Path) -> None:
+    """Fail before a long calculation if ``--out`` is not writable; say if plots will be missing."""
+    check_writable(out)
+    try:
+        need_plots()
+    except ConfigError as error:
+        warn(f"--out {out}: gets tables but no plots: {error}")
+
+
 def need_plots() -> None:
-    """Fail before a long calculation if its plots could not be drawn.
+    """Fail if plots, which are the whole purpose, could not be drawn.
 
     Raises:
         ConfigError: matplotlib is not installed.

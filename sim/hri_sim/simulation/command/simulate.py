@@ -12,11 +12,10 @@ from hri_predict.cli.common import (
     ClusterOption,
     JointMapOption,
     JsonOption,
-    check_writable,
+    check_out,
     counting,
     files,
     map_path,
-    need_plots,
     one_of,
     processes,
     without_effect,
@@ -236,8 +235,7 @@ def simulate(
         others = {"--occlude": occlude or None, "--episodes": episodes, "--seed": seed}
         without_effect({**approaches, **lost, **others}, "with --distance")
         if out is not None:
-            need_plots()
-            check_writable(out)
+            check_out(out)
         return distances(
             DistanceRequest(
                 config=configuration.find(config or Path("working_distance.yaml")),
@@ -296,8 +294,8 @@ def simulate(
     from hri_sim import simulation
 
     if out is not None:
-        need_plots()
-    if resume and out is None:
+        check_out(out)
+    elif resume:
         raise ConfigError("--resume: needs the folder of the run; add --out")
     request = SimulationRequest(
         config=configuration.find(config),

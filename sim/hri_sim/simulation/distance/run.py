@@ -10,6 +10,7 @@ from typing import Any
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write
+from hri_predict.base.looks import can_plot
 from hri_predict.base.work.workers_for import workers_for
 from hri_predict.cli.common import writing
 from hri_predict.lab.evaluation.table import Table
@@ -133,8 +134,8 @@ def _report(
     }
     text = json.dumps(data, indent=1)
     files = [] if request.out is None else _written(request.out, tables, said, text)
-    if request.out is not None:
-        from hri_sim.simulation.distance.plot import write_plots  # needs matplotlib
+    if request.out is not None and can_plot():
+        from hri_sim.simulation.distance.plot import write_plots
 
         files += write_plots(found, terms, request.out)
     return SimulationReport(tables=tables, notes=said, json=text, files=files, disagreements=[])

@@ -42,6 +42,13 @@ def test_a_table_files_and_the_same_as_json(cli, tmp_path):
     assert "--json" not in out
 
 
+@pytest.mark.long
+def test_without_matplotlib_there_are_tables_alone(cli, tmp_path, no_matplotlib):
+    status, _, err = cli(*QUICK, "--mode", "iso", "--tracker", "full", "--out", tmp_path)
+    assert (status, err.count(no_matplotlib)) == (0, 1)
+    assert {path.name for path in tmp_path.iterdir()} == {"distance.md", "distance.json"}
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
