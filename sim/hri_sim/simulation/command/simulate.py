@@ -13,7 +13,6 @@ from hri_predict.cli.common import (
     JointMapOption,
     JsonOption,
     check_out,
-    counting,
     files,
     map_path,
     one_of,
@@ -24,7 +23,7 @@ from hri_predict.lab.datasets.splits import USES
 from hri_predict.risk.settings import RISK_MODES
 from hri_predict.run import config as configuration
 from hri_predict.run.compared_predictors import asked_predictors
-from hri_sim.simulation.command.shown import distances, occluded, show_report
+from hri_sim.simulation.command.shown import counting, distances, occluded, show_report
 from hri_sim.simulation.distance.people import ACTIVITIES, FULL, SETS, own_sights, sights
 from hri_sim.simulation.request import (
     DistanceRequest,
