@@ -162,7 +162,7 @@ class Summary:
             ("counters", _counts(self.counted)),
         ]
         if self.publish_phase_ms is not None:
-            rows.insert(3, ("messages after deadline", f"{self.publish_phase_ms:.2f} ms"))
+            rows.insert(3, ("publish phase", f"{self.publish_phase_ms:.2f} ms after a tick is due"))
         if self.shadow:
             rows.insert(0, ("shadow mode", "links sent unknown"))
         if self.recording is not None:
