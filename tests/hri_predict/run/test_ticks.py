@@ -105,6 +105,16 @@ def test_a_tick_is_late_when_it_takes_longer_than_its_room():
     assert ticks.end(76 * MS).is_late
 
 
+@pytest.mark.parametrize(("took_ms", "missed"), [(30, 0), (78, 0), (81, 1), (165, 3)])
+def test_ticks_that_were_due_at_least_and_are_skipped_are_counted(took_ms, missed):
+    ticks = capture_ticks()
+    ticks.begin(0)
+    assert ticks.end(took_ms * MS).missed == 0  # the next tick says it
+    ticks.captured()
+    ticks.begin(max(ticks.due_ns, took_ms * MS))
+    assert ticks.end(took_ms * MS + LEAVE_NS).missed == missed
+
+
 def test_a_capture_wakes_whoever_waits():
     ticks, stop = capture_ticks(), threading.Event()
     ticks.begin(0)
