@@ -186,6 +186,7 @@ def test_a_tick_has_time_until_the_next_capture_or_the_floor(
         ({"ticks": "event"}, "'fixed' or 'capture'"),
         ({"ticks": "capture", "publish_phase_s": 0.01}, "no effect with ticks: capture"),
         ({"rate_hz": 50, "publish_phase_s": 0.0101}, r"0.0101 is over half a cycle, 0.01 s"),
+        ({"publish_phase_s": 8}, "8 is over half a cycle, 0.02 s"),
         ({"publish_phase_s": float("nan")}, "finite"),
     ],
 )
