@@ -196,8 +196,12 @@ class Summary:
         for name in self.controllers[0]:
             values = [controller[name] for controller in self.controllers]
             if name != "name" and any(values) and not isinstance(values[0], list | dict):
-                table.add_row(name.replace("_", " "), *(_short(value) for value in values))
+                label = _COUNTED_BY_PARTS if name == "messages" else name.replace("_", " ")
+                table.add_row(label, *(_short(value) for value in values))
         return table
+
+
+_COUNTED_BY_PARTS = "messages (each frame of a zone or pose is one)"
 
 
 def summarise(
