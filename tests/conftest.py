@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import sys
 import zlib
 from collections.abc import Iterable, Iterator
 from functools import cache
@@ -75,3 +76,11 @@ def built_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(assemble, "predictor_of", cache(predictor_of))
         yield
+
+
+@pytest.fixture
+def no_matplotlib(monkeypatch: pytest.MonkeyPatch) -> str:
+    """Hide matplotlib, as on an installation without extras; the line that says so."""
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.delitem(sys.modules, "hri_predict.base.figures", raising=False)
+    return "plots need matplotlib; install it with pip install 'hri-predict[plots]'"

@@ -99,11 +99,14 @@ _OTHERS = {
 """Other programs' terms, and the project's own."""
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
-    """Return ``"; did you mean 'x'?"`` for the known word nearest to ``word``, or ``""``."""
+def nearest(word: str, known: Iterable[str], cutoff: float = 0.5) -> str:
+    """Return ``"; did you mean 'x'?"`` for the known word nearest to ``word``, or ``""``.
+
+    ``cutoff``: minimum similarity, 0 to 1.
+    """
     known = list(known)
     ours = _OTHERS.get(word.lower())
-    close = [ours] if ours in known else difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    close = [ours] if ours in known else difflib.get_close_matches(word, known, n=1, cutoff=cutoff)
     return f"; did you mean '{close[0]}'?" if close else ""
 
 

@@ -1,6 +1,9 @@
 """Appearance of levels: the only table, used by pages, terminal, 3D view, plots and recordings."""
 
+import importlib
 from dataclasses import dataclass
+
+from hri_predict.base.errors import ConfigError
 
 Rgb = tuple[int, int, int]
 
@@ -61,3 +64,12 @@ LOOKS = {
 """By name of the level. GONE is not a level of advice: without messages, the level is unknown."""
 
 LEVEL_COLOURS = {name: look.colour for name, look in LOOKS.items() if name != "GONE"}
+
+
+def can_plot() -> bool:
+    """Whether matplotlib, which an extra brings, is installed."""
+    try:
+        importlib.import_module("hri_predict.base.figures")
+    except ConfigError:
+        return False
+    return True

@@ -108,11 +108,18 @@ def _run() -> object:
 
 def _misused(error: Exception, message: str) -> NoReturn:
     """Report an invalid command line. Without arguments, the help has already been printed."""
-    context = getattr(error, "ctx", None)
-    command = "hri-predict" if context is None else context.command_path
+    from hri_predict.cli.commands import ORDER
+
+    context = getattr(error, "ctx", None)  # the parser leaves it out where an option lacks a value
+    name = next((f" {word}" for word in sys.argv[1:2] if word in ORDER), "")
+    command = f"hri-predict{name}" if context is None else context.command_path
     message = " ".join(message.split()).rstrip(".")
     if not message:
         sys.exit(2)
+    cells = [word for word in sys.argv[2:] if word.lower().endswith((".yaml", ".yml"))]
+    options = [] if context is None else [o for p in context.command.params for o in p.opts]
+    if "unexpected extra argument" in message and "--config" in options and cells:
+        message += f"; give the configuration as --config {cells[0]}"
     _fail(f"{message}; see {command} --help")
 
 

@@ -8,7 +8,7 @@ import json
 import shlex
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -152,8 +152,17 @@ def writing(what: str, remedy: str) -> Iterator[None]:
         raise ConfigError(f"{what}: cannot be written: {error.strerror}; {remedy}") from error
 
 
+def check_out(out: Path) -> None:
+    """Fail before a long calculation if ``--out`` is not writable; say if plots will be missing."""
+    check_writable(out)
+    try:
+        need_plots()
+    except ConfigError as error:
+        warn(f"--out {out}: gets tables but no plots: {error}")
+
+
 def need_plots() -> None:
-    """Fail before a long calculation if its plots could not be drawn.
+    """Fail if plots, which are the whole purpose, could not be drawn.
 
     Raises:
         ConfigError: matplotlib is not installed.
@@ -279,14 +288,6 @@ def stage(bar: Progress, task: TaskID, what: str) -> None:
     bar.update(task, description=what)
     if bar.disable:
         print(what, file=sys.stderr, flush=True)
-
-
-@contextlib.contextmanager
-def counting(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar; yield a function of the number done and the total."""
-    with progress() as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def result(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hri_predict.base.errors import ConfigError, UnusableRecordingError
+from hri_predict.base.looks import can_plot
 from hri_predict.base.set_key import set_key
 from hri_predict.cli.common import (
     CalibrationsOption,
@@ -17,9 +18,8 @@ from hri_predict.cli.common import (
     JobsOption,
     JointMapOption,
     JsonOption,
-    check_writable,
+    check_out,
     files,
-    need_plots,
     one_of,
     own_map,
     predictor_settings,
@@ -135,8 +135,7 @@ def evaluate(
     """
     asked = _paired(predictor, weights or [])
     if out is not None:
-        need_plots()
-        check_writable(out)
+        check_out(out)
     if benchmark is None:
         without_effect(
             {"--windows": windows, "--n-out": n_out, "--n-in": n_in, "--error": error},
@@ -260,9 +259,11 @@ def _real(
             )
     if out is not None:
         written = report.write_report(results, out, bases)
-        from hri_predict.lab.evaluation.filmstrip import write_filmstrips
+        if can_plot():
+            from hri_predict.lab.evaluation.filmstrip import write_filmstrips
 
-        tell([*written, *write_filmstrips(predictors, motions, out, results[0].averaged)])
+            written += write_filmstrips(predictors, motions, out, results[0].averaged)
+        tell(written)
     tables = [report.judge_table(results), *report.action_tables(results)]
     if disturb:
         tables.append(report.corruption_table(results))

@@ -32,7 +32,8 @@ class ControllerReport:
     Attributes:
         name, role, robot: the link's name, the controller's role, the robot's name.
         ended: outcome: ``ok``, or ``killed`` (then nothing below was reported).
-        messages, bytes: good messages received; all bytes received.
+        messages, bytes: good messages received, each frame of a Zone or Pose as one; all bytes
+            received.
         crc_errors, counter_errors, malformed, incomplete: counters of the receiver.
         schema_mismatches: Schema messages of another version or hash.
         schema_trouble: the last such Schema received, and the expected one.

@@ -77,7 +77,7 @@ class Reason(IntEnum):
     )
     RELEASE_PENDING = Row(
         8,
-        "the robot is released step by step",
+        "waiting to release: the cause has cleared",
         "new captures confirm it, and the speed limit has risen to the value that people allow",
         Kind.WAITING,
         rank=4,

@@ -24,7 +24,7 @@ class Ended:
 
     Attributes:
         used: share of its available time that the tick took; above 1 it was late.
-        missed: number of ticks that became due during the tick and are skipped.
+        missed: number of ticks that became due since the one before and are skipped.
     """
 
     used: float
@@ -103,6 +103,7 @@ class CaptureTicks:
         self._period_ns, self._gap_ns, self._room_ns = period_ns, gap_ns, room_ns
         self._began_ns = start_ns
         self._floor_ns = self._open_ns = start_ns
+        self._missed = 0  # cycles that passed before the newest tick began
         self._captured = threading.Event()
         self._waits = False  # a capture
 
@@ -124,14 +125,15 @@ class CaptureTicks:
     def begin(self, now_ns: int) -> None:
         """Start the period now."""
         self._waits = False
+        self._missed = max(0, (now_ns - self._floor_ns) // self._period_ns)
         self._began_ns = now_ns
         self._floor_ns = now_ns + self._period_ns
         self._open_ns = now_ns + self._gap_ns
 
     def end(self, now_ns: int) -> Ended:
-        """Report the tick's duration."""
+        """Report the tick's duration, and the whole cycles that passed before it began."""
         self._open_ns = max(self._open_ns, now_ns + LEAVE_NS)
-        return Ended((now_ns - self._began_ns) / self._room_ns)
+        return Ended((now_ns - self._began_ns) / self._room_ns, self._missed)
 
 
 def ticks_of(settings: RateSettings, source_rate_hz: float, start_ns: int) -> Ticks:

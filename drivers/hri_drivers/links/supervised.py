@@ -18,7 +18,7 @@ from hri_drivers.links.codec import Codec
 from hri_drivers.links.inbox import Inbox
 from hri_drivers.links.slots import BULK, Budget, Slots
 from hri_drivers.wires.backoff import BackOff
-from hri_drivers.wires.transport import READ_TIMEOUT_S, Transport, TransportBusy
+from hri_drivers.wires.transport import READ_TIMEOUT_S, TOO_SLOW, Transport, TransportBusy
 from hri_predict.base.clock import Clock
 from hri_predict.base.errors import LinkError, first_line
 from hri_predict.contracts.link import LinkCounters, LinkSettings, Received
@@ -80,7 +80,7 @@ class SupervisedLink(Generic[U]):
         self._bulk_waits = False  # until the wire is free
         self._wire_free_ns = 0  # calculated time at which all written units will have left
         self._wait_for_device = wait_for_device
-        self._zones = settings.zones
+        self._zones, self._simulated = settings.zones, settings.simulate is not None
         self._slots = Slots()
         self._bulk: Bulk[U] = Bulk(self._slots, codec, budget, self.counters)
         self._inbox = Inbox()
@@ -359,6 +359,7 @@ class SupervisedLink(Generic[U]):
     def _busy(self, message: Message | None, error: TransportBusy, now_ns: int) -> None:
         """Keep the message for a retry unless a newer one is posted; give up after a second."""
         self.counters.write_errors += 1
+        error = TransportBusy(TOO_SLOW) if self._simulated else error
         self._note(error)
         self._return(message)
         if self._busy_since_ns is None:

@@ -14,6 +14,11 @@ U = TypeVar("U")
 READ_TIMEOUT_S = 0.1
 """Maximum wait of a thread in ``read``, and therefore maximum time to stop the thread."""
 PIPE_CAPACITY = 4096
+TOO_SLOW = (
+    "the simulated controller does not read in time: this machine is too slow; stop other "
+    "programs, or lower rate_hz"
+)
+"""Replaces the remedies of ``TransportBusy`` for cables, which a simulated link does not have."""
 
 
 class TransportBusy(LinkError):

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hri_predict.base.errors import ConfigError
+from hri_predict.base.looks import can_plot
 from hri_predict.cli.calibrate.inputs import HORIZON_S, Data, calibrated_settings, scores_of
 from hri_predict.cli.common import (
-    check_writable,
+    check_out,
     command,
-    need_plots,
     progress,
     result,
     tell,
@@ -45,8 +45,7 @@ def check(
     from hri_predict.lab.calibration.coverage import Calibrated
 
     if out is not None:
-        need_plots()
-        check_writable(out)
+        check_out(out)
     if card is not None:
         read_card(card)  # before minutes of work
     built = registry.load("predictors", settings.name)(settings)
@@ -85,16 +84,19 @@ def check(
         report["disturbed"] = zone_disturbed.as_json(found)
     if out is not None:
         from hri_predict.base.files import atomic_write
-        from hri_predict.lab.calibration.plots import write_pictures
 
         page, numbers = out / "zones.md", out / "zones.json"
         with writing(f"--out {out}", "name another folder"):
             atomic_write(page, judgement.markdown(judged, tables, command()).encode())
             atomic_write(numbers, (json.dumps(report, indent=1) + "\n").encode())
-            pictures = write_pictures(
-                out=out, predictor=built, scores=scores, judged=judged, beside=beside
-            )
-        tell([page, numbers, *pictures])
+            written = [page, numbers]
+            if can_plot():
+                from hri_predict.lab.calibration.plots import write_pictures
+
+                written += write_pictures(
+                    out=out, predictor=built, scores=scores, judged=judged, beside=beside
+                )
+        tell(written)
     if card is not None:
         write_section(card, judged)
         tell([card])

@@ -131,7 +131,8 @@ def _part(text: str) -> tuple[str, str]:
             f"{text}: ambiguous; write one of: {', '.join(f'{k}:{text}' for k in found)}"
         )
     known = [name for group in KINDS.values() for name in registry.names(group)]
-    raise ConfigError(f"{text}: no such predictor, source or link{nearest(text, known)}")
+    hint = nearest(text, known, cutoff=0.7)  # a part of one's own is no misspelling
+    raise ConfigError(f"{text}: no such predictor, source or link{hint}")
 
 
 def _settings(kind: str, name: str, config: Path | None) -> tuple[dict[str, Any], Path]:

@@ -94,16 +94,14 @@ def link_block(text: str, taken: list[str]) -> dict[str, Any]:
     if kind == "can":
         interface, colon, channel = rest.partition(":")
         if not (interface and colon and channel):
-            raise ConfigError(f"{text}: write can:INTERFACE:CHANNEL, such as can:socketcan:can0")
+            raise ConfigError("write can:INTERFACE:CHANNEL, such as can:socketcan:can0")
         given = {"interface": interface, "channel": channel}
     elif kind == "serial":
         if not rest:
-            raise ConfigError(f"{text}: write serial:PORT, such as serial:/dev/ttyUSB0")
+            raise ConfigError("write serial:PORT, such as serial:/dev/ttyUSB0")
         given = {"port": rest}
     elif rest:
-        raise ConfigError(
-            f"{text}: write only the kind, and set its keys with --set links.0.KEY=VALUE"
-        )
+        raise ConfigError("write only the kind, and set its keys with --set links.0.KEY=VALUE")
     model = registry.load("links", kind).settings_model
     number = len([name for name in taken if name.startswith(kind)])
     name = kind if number == 0 else f"{kind}{number + 1}"

@@ -10,6 +10,7 @@ from typing import Any
 
 from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import atomic_write
+from hri_predict.base.looks import can_plot
 from hri_predict.lab.evaluation.benchmark import Protocol, Score, mean_over, nominal_ms
 from hri_predict.lab.evaluation.benchmark_result import MEAN, BenchmarkResult, printed_at
 from hri_predict.lab.evaluation.table import Table
@@ -151,15 +152,11 @@ def _unit(result: BenchmarkResult) -> str:
 
 
 def write_report(result: BenchmarkResult, out: Path, command: str) -> list[Path]:
-    """Write Markdown, CSV, JSON and a plot below ``out``; returns the files.
+    """Write Markdown, CSV, JSON and, with matplotlib, a plot below ``out``; returns the files.
 
     Raises:
-        ConfigError: they cannot be written, or matplotlib is missing.
+        ConfigError: they cannot be written.
     """
-    # both need matplotlib
-    from hri_predict.base.figures import write_figure
-    from hri_predict.lab.evaluation.benchmark_plot import error_by_horizon
-
     protocol = result.protocol
     lengths = f"{protocol.n_in}to{protocol.n_out}"
     asked = "_".join(result.asked).replace("/", "_")  # labels may hold parts of paths
@@ -172,5 +169,11 @@ def write_report(result: BenchmarkResult, out: Path, command: str) -> list[Path]
     with OsErrorAs(ConfigError, f"--out {out}: cannot be written", "name another folder"):
         for ending, text in texts.items():
             atomic_write(out / f"{stem}{ending}", text.encode())
-        write_figure(error_by_horizon(result), out / f"{stem}.png", dpi=130)
-    return [out / f"{stem}{ending}" for ending in (*texts, ".png")]
+        written = [out / f"{stem}{ending}" for ending in texts]
+        if can_plot():
+            from hri_predict.base.figures import write_figure
+            from hri_predict.lab.evaluation.benchmark_plot import error_by_horizon
+
+            figure = error_by_horizon(result)
+            written.append(write_figure(figure, out / f"{stem}.png", dpi=130))
+    return written

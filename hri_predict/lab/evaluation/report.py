@@ -12,6 +12,7 @@ import numpy as np
 
 from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import atomic_write
+from hri_predict.base.looks import can_plot
 from hri_predict.lab.evaluation.recordings import (
     MEAN_ACTIONS,
     RecordingResult,
@@ -157,10 +158,10 @@ def as_markdown(results: Sequence[RecordingResult], zones: Sequence[ZoneBasis] =
 def write_report(
     results: Sequence[RecordingResult], out_dir: Path, zones: Sequence[ZoneBasis] = ()
 ) -> list[Path]:
-    """Write ``real.md``, ``real.csv``, ``real.json`` and the plots; returns the files written.
+    """Write ``real.md``, ``real.csv`` and ``real.json``, with matplotlib also plots; return them.
 
     Raises:
-        ConfigError: the folder cannot be written, or matplotlib is missing.
+        ConfigError: the folder cannot be written.
     """
     texts = {
         "real.md": as_markdown(results, zones),
@@ -170,10 +171,12 @@ def write_report(
     with OsErrorAs(ConfigError, f"--out {out_dir}: cannot be written", "name another folder"):
         for name, text in texts.items():
             atomic_write(out_dir / name, text.encode())
-        # imported after the tables are written, because it needs matplotlib
-        from hri_predict.lab.evaluation.plots import write_plots
+        written = [out_dir / name for name in texts]
+        if can_plot():
+            from hri_predict.lab.evaluation.plots import write_plots
 
-        return [*(out_dir / name for name in texts), *write_plots(results, out_dir)]
+            written += write_plots(results, out_dir)
+    return written
 
 
 def _columns(results: Sequence[RecordingResult]) -> tuple[str, ...]:

@@ -41,13 +41,17 @@ class Alert:
 
     def title(self) -> str:
         """The change alone."""
-        return one_line(f"{self.robot}: {self.was} -> {self.level}")
+        return one_line(f"{self.robot}: {self._change}")
 
     def line(self) -> str:
         """One line for a person."""
         clears = f"; clears when {self.clears_when}" if self.clears_when else ""
         why = self.detail or f"{self.robot}: {self.reason}{clears}"
-        return one_line(f"{_when(self.at, self.time_s)} {self.was} -> {self.level}: {why}")
+        return one_line(f"{_when(self.at, self.time_s)} {self._change}: {why}")
+
+    @property
+    def _change(self) -> str:
+        return f"still {self.level}" if self.was == self.level else f"{self.was} -> {self.level}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

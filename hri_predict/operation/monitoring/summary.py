@@ -163,7 +163,7 @@ class Summary:
             ("counters", _counts(self.counted)),
         ]
         if self.publish_phase_ms is not None:
-            rows.insert(3, ("messages after deadline", f"{self.publish_phase_ms:.2f} ms"))
+            rows.insert(3, ("publish phase", f"{self.publish_phase_ms:.2f} ms after a tick is due"))
         if self.shadow:
             rows.insert(0, ("shadow mode", "links sent unknown"))
         if self.recording is not None:
@@ -197,8 +197,12 @@ class Summary:
         for name in self.controllers[0]:
             values = [controller[name] for controller in self.controllers]
             if name != "name" and any(values) and not isinstance(values[0], list | dict):
-                table.add_row(name.replace("_", " "), *(_short(value) for value in values))
+                label = _COUNTED_BY_PARTS if name == "messages" else name.replace("_", " ")
+                table.add_row(label, *(_short(value) for value in values))
         return table
+
+
+_COUNTED_BY_PARTS = "messages (each frame of a zone or pose is one)"
 
 
 def summarise(

@@ -1,7 +1,7 @@
 """The DBC files, one for classic CAN and one for FD, generated from the definition.
 
 ``hri-predict protocol dbc FOLDER`` writes both. The shipped files in ``drivers/dbc`` have the
-default base id. Writing them requires cantools (extra ``dev``); the node does not.
+default base id. Writing them requires cantools (extra ``dbc``); the node does not.
 """
 
 from collections import OrderedDict

@@ -40,7 +40,9 @@ def detail_of(
     text, clears_when = why_and_until(robot, found, advised, reason)
     parts = [f"{robot.name}: {NOTE if is_clear else ''}{text}"]
     if demand.reason not in (Reason.NONE, reason):
-        parts.append(demand.reason.text)
+        later = advised.reason is Reason.RELEASE_PENDING and demand.release.may_move
+        after = f"{demand.release.name.lower()} after that: " if later else ""
+        parts.append(f"{after}{demand.reason.text}")
     if who is not None:
         segment, apart_m = bodies.zones.segments[who.segment], who.pair_m
         if apart_m is None and found.motion is not None:

@@ -24,7 +24,8 @@ def _released(advised: Advised, risk: RiskSettings) -> tuple[str, str] | None:
     if advised.level is not Level.SLOW:
         confirm = f"{risk.release_captures} new captures in a row confirm it"
         is_warning = advised.level is Level.WARN
-        return "the cause of the warning has cleared" if is_warning else CLEARED, confirm
+        cleared = "the cause of the warning has cleared" if is_warning else CLEARED
+        return f"waiting to release: {cleared}", confirm
     return (
         f"{RISING}: the speed limit rises by {risk.speed_rise_m_s2:g} m/s each second",
         "it has risen to the value that people allow",

@@ -123,7 +123,7 @@ class Situation:
     @cached_property
     def paths(self) -> list[Trajectory | None]:
         """Return the path of each robot, if it is known."""
-        return [path_of(self.config, model, i) for i, model in enumerate(self.models)]
+        return [known_path(self.config, model, i) for i, model in enumerate(self.models)]
 
     @property
     def path(self) -> Trajectory:
@@ -132,14 +132,7 @@ class Situation:
         Raises:
             ConfigError: the path is not known.
         """
-        path = self.paths[self.robot]
-        if path is None:
-            raise ConfigError(
-                f"robots.{self.robot}: no path of robot {self.config.node.robots[self.robot].name} "
-                f"is known, so its permitted speed near people cannot be measured; give "
-                "motion.plan, such as pick_and_place"
-            )
-        return path
+        return path_of(self.config, self.models[self.robot], self.robot)
 
     def robots(self, seen: Seen) -> list[list[RobotNow]]:
         """Return all robots at each tick (K): they work at full speed and report it."""
@@ -337,7 +330,24 @@ def _report(
     tracker.update(state, times_ns[0])
 
 
-def path_of(config: Config, model: RobotModel, index: int) -> Trajectory | None:
+def path_of(config: Config, model: RobotModel, index: int) -> Trajectory:
+    """Return the path that a robot follows.
+
+    Raises:
+        ConfigError: the path is not known.
+    """
+    path = known_path(config, model, index)
+    if path is None:
+        raise ConfigError(
+            f"robots.{index}: no path of robot {config.node.robots[index].name} is known, so its "
+            "permitted speed near people cannot be measured; in a copy of the configuration, write "
+            "motion: {kind: state, plan: pick_and_place}, or your own path. In the cell itself "
+            "motion.plan also makes the node expect the robot on that path, and to brake on it"
+        )
+    return path
+
+
+def known_path(config: Config, model: RobotModel, index: int) -> Trajectory | None:
     """Return the path that a robot follows, from its configuration or its simulated drive."""
     robot = config.node.robots[index]
     file = getattr(robot.motion, "plan", None) or getattr(robot.motion, "file", None)

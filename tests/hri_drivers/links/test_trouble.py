@@ -89,6 +89,15 @@ def on(transport: Unreliable, clock: Any, **more: Any) -> SerialLink:
     return SerialLink(settings, clock, transport)
 
 
+def test_a_simulated_controller_that_does_not_read_gets_no_remedy_for_cables():
+    transport, clock = Unreliable(), VirtualClock(0)
+    transport.busy = True
+    link = on(transport, clock, simulate={})
+    link.post(STATUS)
+    link.service(0)
+    assert "this machine is too slow" in (link.last_error or "")
+
+
 def test_an_absent_device_is_an_error_at_start():
     transport = Unreliable()
     transport.absent = True

@@ -243,16 +243,11 @@ def test_a_network_that_reads_more_than_the_windows_have_is_told(cli, pack, tmp_
     assert (status, error, json.loads(text)["n_in"]) == (0, "", 25)
 
 
-@pytest.mark.parametrize("more", [[], ["--benchmark", "cmu"]])
-def test_plots_that_cannot_be_made_are_refused_before_the_work(cli, more, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    monkeypatch.delitem(sys.modules, "hri_predict.base.figures", raising=False)
-    out = tmp_path / "judged"
-    nowhere = ["--data", tmp_path / "none", "--predictor", "zero_velocity"]  # not looked at yet
-    status, text, err = cli(*nowhere, *more, "--out", out)
-    assert (status, text) == (2, "")
-    assert err == "error: plots need matplotlib; install it with pip install 'hri-predict[train]'\n"
-    assert not out.exists()
+def test_the_benchmark_without_matplotlib_has_tables_alone(cli, pack, tmp_path, no_matplotlib):
+    asked = ["--benchmark", "cmu", "--data", pack, "--windows", "8-seeds", "--out", tmp_path / "b"]
+    status, _, err = cli(*asked, "--predictor", "zero_velocity")
+    assert (status, err.count(no_matplotlib)) == (0, 1)
+    assert sorted(path.suffix for path in (tmp_path / "b").iterdir()) == [".csv", ".json", ".md"]
 
 
 @pytest.fixture
@@ -284,6 +279,13 @@ def test_several_predictors_are_judged_on_the_same_windows(cli, walk, tmp_path):
     markdown = (tmp_path / "report" / "real.md").read_text(encoding="utf-8")
     assert "| sinn |" in markdown
     assert "| constant_velocity |" in markdown
+
+
+def test_recordings_without_matplotlib_have_tables_alone(cli, walk, tmp_path, no_matplotlib):
+    out = tmp_path / "report"
+    status, _, err = cli("--data", walk, "--predictor", "zero_velocity", "--out", out)
+    assert (status, err.count(no_matplotlib)) == (0, 1)
+    assert sorted(path.name for path in out.iterdir()) == ["real.csv", "real.json", "real.md"]
 
 
 def test_two_seconds_of_a_predictor_with_settings_of_its_own(cli, walk):

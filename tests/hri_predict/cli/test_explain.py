@@ -155,7 +155,7 @@ def test_without_matplotlib_a_picture_is_one_line(near, tmp_path):
     )
     assert done.returncode == 2
     assert done.stderr.strip().splitlines() == [
-        "error: plots need matplotlib; install it with pip install 'hri-predict[train]'"
+        "error: plots need matplotlib; install it with pip install 'hri-predict[plots]'"
     ]
 
 

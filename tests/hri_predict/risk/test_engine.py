@@ -35,6 +35,18 @@ from tests.hri_predict.risk.engine_cell import (
 )
 
 
+def test_a_stop_that_waits_for_its_release_says_so_and_what_comes_after_that():
+    cell = Cell(SETTINGS)
+    cell.settle()
+    levels = {}
+    for x in np.arange(6.0, 0.4, -0.04):
+        levels.setdefault(cell.step(x).level, x)
+    waits = cell.step(levels[Level.SLOW])
+    assert waits.level is Level.STOP
+    assert "waiting to release: what stopped it has cleared" in waits.detail
+    assert "; slow after that: a person may get too close" in waits.detail
+
+
 @MODES
 def test_a_person_who_comes_and_goes(mode):
     cell = Cell(SETTINGS.model_copy(update={"mode": mode}))

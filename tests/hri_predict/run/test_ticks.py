@@ -105,6 +105,16 @@ def test_a_tick_is_late_when_it_takes_longer_than_its_room():
     assert ticks.end(76 * MS).is_late
 
 
+@pytest.mark.parametrize(("took_ms", "missed"), [(30, 0), (78, 0), (81, 1), (165, 3)])
+def test_ticks_that_were_due_at_least_and_are_skipped_are_counted(took_ms, missed):
+    ticks = capture_ticks()
+    ticks.begin(0)
+    assert ticks.end(took_ms * MS).missed == 0  # the next tick says it
+    ticks.captured()
+    ticks.begin(max(ticks.due_ns, took_ms * MS))
+    assert ticks.end(took_ms * MS + LEAVE_NS).missed == missed
+
+
 def test_a_capture_wakes_whoever_waits():
     ticks, stop = capture_ticks(), threading.Event()
     ticks.begin(0)
@@ -176,6 +186,7 @@ def test_a_tick_has_time_until_the_next_capture_or_the_floor(
         ({"ticks": "event"}, "'fixed' or 'capture'"),
         ({"ticks": "capture", "publish_phase_s": 0.01}, "no effect with ticks: capture"),
         ({"rate_hz": 50, "publish_phase_s": 0.0101}, r"0.0101 is over half a cycle, 0.01 s"),
+        ({"publish_phase_s": 8}, "8 is over half a cycle, 0.02 s"),
         ({"publish_phase_s": float("nan")}, "finite"),
     ],
 )

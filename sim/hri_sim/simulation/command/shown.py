@@ -1,7 +1,10 @@
 """Output of ``simulate``, for its three kinds of simulation."""
 
+import contextlib
 import sys
-from collections.abc import Sequence
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -9,7 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table as ScreenTable
 
-from hri_predict.cli.common import counting, result, show, tell
+from hri_predict.cli.common import progress, result, show, tell
 from hri_predict.lab.evaluation.table import Table
 from hri_sim.simulation.request import (
     DistanceRequest,
@@ -19,12 +22,45 @@ from hri_sim.simulation.request import (
 )
 
 
+@contextlib.contextmanager
+def counting(what: str, every_s: float = 5.0) -> Iterator[Callable[..., None]]:
+    """Show a bar or, without a terminal, a line every few seconds.
+
+    Yields:
+        A function of the number done, the total and, optionally, the name of the last one done.
+    """
+    with progress() as bar:
+        task = bar.add_task(what, total=None)
+        ended, line = threading.Event(), [what]
+
+        def update(done: int, total: int, name: str = "") -> None:
+            last = f", last: {name}" if name else ""
+            line[0] = f"{what}: {done} of {total}{last}"
+            bar.update(task, completed=done, total=total, description=f"{what}{last}")
+
+        def lines() -> None:
+            started = time.monotonic()
+            while not ended.wait(every_s):
+                seconds = time.monotonic() - started
+                print(f"{line[0]} ({seconds:.0f} s)", file=sys.stderr, flush=True)
+
+        thread = threading.Thread(target=lines, daemon=True)
+        if bar.disable:
+            thread.start()
+        try:
+            yield update
+        finally:
+            ended.set()
+            if bar.disable:
+                thread.join()
+
+
 def occluded(request: OcclusionRequest, *, as_json: bool) -> int:
     """Play the episodes and print a table; return 1 if a moving robot touched a person."""
     from hri_sim.simulation.occluded import simulate as play
 
-    with counting("episodes") as progress:
-        rows = list(play(request, progress))
+    with counting("episodes") as count:
+        rows = list(play(request, count))
     found = [_of_mode([row for row in rows if row.mode == mode]) for mode in request.modes]
     asked = asdict(request) | {"config": str(request.config)}
     result(as_json, {"request": asked, "modes": found}, [_table(request, found)])
@@ -70,8 +106,8 @@ def distances(request: DistanceRequest, *, as_json: bool) -> int:
     """Measure all cases of the working distance; print a table."""
     from hri_sim.simulation.distance import run as measured
 
-    with counting("people") as progress:
-        report = measured.run(request, progress)
+    with counting("people") as count:
+        report = measured.run(request, count)
     if as_json:
         print(report.json)
     else:

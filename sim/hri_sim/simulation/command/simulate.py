@@ -12,11 +12,9 @@ from hri_predict.cli.common import (
     ClusterOption,
     JointMapOption,
     JsonOption,
-    check_writable,
-    counting,
+    check_out,
     files,
     map_path,
-    need_plots,
     one_of,
     processes,
     without_effect,
@@ -25,7 +23,7 @@ from hri_predict.lab.datasets.splits import USES
 from hri_predict.risk.settings import RISK_MODES
 from hri_predict.run import config as configuration
 from hri_predict.run.compared_predictors import asked_predictors
-from hri_sim.simulation.command.shown import distances, occluded, show_report
+from hri_sim.simulation.command.shown import counting, distances, occluded, show_report
 from hri_sim.simulation.distance.people import ACTIVITIES, FULL, SETS, own_sights, sights
 from hri_sim.simulation.request import (
     DistanceRequest,
@@ -236,8 +234,7 @@ def simulate(
         others = {"--occlude": occlude or None, "--episodes": episodes, "--seed": seed}
         without_effect({**approaches, **lost, **others}, "with --distance")
         if out is not None:
-            need_plots()
-            check_writable(out)
+            check_out(out)
         return distances(
             DistanceRequest(
                 config=configuration.find(config or Path("working_distance.yaml")),
@@ -296,8 +293,8 @@ def simulate(
     from hri_sim import simulation
 
     if out is not None:
-        need_plots()
-    if resume and out is None:
+        check_out(out)
+    elif resume:
         raise ConfigError("--resume: needs the folder of the run; add --out")
     request = SimulationRequest(
         config=configuration.find(config),

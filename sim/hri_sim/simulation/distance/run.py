@@ -10,11 +10,20 @@ from typing import Any
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write
+from hri_predict.base.looks import can_plot
 from hri_predict.base.work.workers_for import workers_for
 from hri_predict.cli.common import writing
 from hri_predict.lab.evaluation.table import Table
+from hri_predict.run import assemble
 from hri_predict.run.compared_predictors import asked_predictors
-from hri_predict.run.working_distance.measure import FARTHEST_M, FAST, HELD, WARM_S, robot_of
+from hri_predict.run.working_distance.measure import (
+    FARTHEST_M,
+    FAST,
+    HELD,
+    WARM_S,
+    path_of,
+    robot_of,
+)
 from hri_predict.run.working_distance.waterfall import REST, TERMS, Waterfall
 from hri_sim.simulation.cell import FOREKNOWN, variants
 from hri_sim.simulation.distance.people import Activity, Sight, activities, pack, sights
@@ -37,8 +46,12 @@ Found = tuple[Case, dict[str, Any]]
 """A case and the results of ``measure`` by mode."""
 
 
-def run(request: DistanceRequest, progress: Callable[[int, int], None]) -> SimulationReport:
+def run(request: DistanceRequest, progress: Callable[..., None]) -> SimulationReport:
     """Measure all cases.
+
+    Args:
+        request: the people, trackers, predictors and modes.
+        progress: called with the number of cases done, of all, and the name of the last one.
 
     Raises:
         HriPredictError: the measurement cannot start; one line with the remedy.
@@ -55,7 +68,8 @@ def run(request: DistanceRequest, progress: Callable[[int, int], None]) -> Simul
     for name in dict.fromkeys(case.predictor for case in cases):
         config = cell_of(plan, name)
         variants(config, request.modes or MODES, ())
-        robot_of(config, request.robot)
+        index = robot_of(config, request.robot)
+        path_of(config, assemble.build_robots(config)[index], index)
     first = replace(cases[0], modes=cases[0].modes[:1])
     tasks = [(measure_terms, plan, first), *((measure, plan, case) for case in cases)]
     done: dict[int, Any] = {}
@@ -63,9 +77,14 @@ def run(request: DistanceRequest, progress: Callable[[int, int], None]) -> Simul
     with workers_for(request.jobs, request.cluster) as workers:
         for place, result in workers.each(_call, tasks):
             done[place] = result
-            progress(len(done), len(tasks))
+            progress(len(done), len(tasks), "terms" if place == 0 else _name(cases[place - 1]))
     found = [(case, done[place]) for place, case in enumerate(cases, start=1)]
     return _report(request, plan, found=found, terms=(first, done[0]), notes=notes)
+
+
+def _name(case: Case) -> str:
+    noise = f", noise {100 * case.noise_m:g} cm" if case.noise_m else ""
+    return f"{case.activity.text}, {case.sight.name}{noise}"
 
 
 def _call(function: Callable[[DistancePlan, Case], Any], plan: DistancePlan, case: Case) -> Any:
@@ -133,8 +152,8 @@ def _report(
     }
     text = json.dumps(data, indent=1)
     files = [] if request.out is None else _written(request.out, tables, said, text)
-    if request.out is not None:
-        from hri_sim.simulation.distance.plot import write_plots  # needs matplotlib
+    if request.out is not None and can_plot():
+        from hri_sim.simulation.distance.plot import write_plots
 
         files += write_plots(found, terms, request.out)
     return SimulationReport(tables=tables, notes=said, json=text, files=files, disagreements=[])

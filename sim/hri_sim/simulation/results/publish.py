@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hri_predict.base.files import atomic_write
+from hri_predict.base.looks import can_plot
 from hri_predict.cli.common import writing
 from hri_predict.run.zone_basis import ZoneBasis
 from hri_sim.simulation.request import SimulationReport
@@ -51,7 +52,7 @@ class Result:
 
 
 def report(result: Result, out: Path | None) -> SimulationReport:
-    """Return tables and notes; with a folder, also write files and plots.
+    """Return tables and notes; with a folder, also write files and, with matplotlib, plots.
 
     Raises:
         ConfigError: the folder cannot be written.
@@ -71,8 +72,6 @@ def report(result: Result, out: Path | None) -> SimulationReport:
     text = json.dumps(_data(result, said), indent=1)
     files = []
     if out is not None:
-        from hri_sim.simulation.results.plot import write_plots  # needs matplotlib
-
         written = [*shown, recordings_table(result.results)]
         notes_text = "\n".join(f"- {n}" for n in said)
         markdown = "\n".join(["# Closed loop\n", *(t.markdown() for t in written), notes_text])
@@ -80,7 +79,10 @@ def report(result: Result, out: Path | None) -> SimulationReport:
             for name, content in (("simulate.md", markdown), ("simulate.json", text)):
                 atomic_write(out / name, (content + "\n").encode())
                 files.append(out / name)
-            files += write_plots(result.results, out)
+            if can_plot():
+                from hri_sim.simulation.results.plot import write_plots
+
+                files += write_plots(result.results, out)
     return SimulationReport(
         tables=shown, notes=said, json=text, files=files, disagreements=result.disagreements
     )

@@ -182,7 +182,7 @@ def test_somebody_elses_schema_is_never_replaced_without_force(call, tmp_path):
             ["--yes", "--source", "udpp"],
             "--source udpp: unknown source 'udpp'; did you mean 'udp'?",
         ),
-        (["--yes", "--link", "can:can0"], "--link can:can0: can:can0: write can:INTERFACE:CHANNEL"),
+        (["--yes", "--link", "can:can0"], "--link can:can0: write can:INTERFACE:CHANNEL"),
         (["--yes", "--link", "cann"], "--link cann: unknown link 'cann'; did you mean 'can'?"),
         (["--yes", "--mode", "bold"], "--mode bold: mode bold: unknown"),
         (["--yes", "--mode", "hybrid"], "--mode hybrid: hybrid lets the robot touch people"),

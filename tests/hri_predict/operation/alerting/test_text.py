@@ -40,6 +40,13 @@ def zone(name, state):
     )
 
 
+def test_a_new_reason_for_the_same_level_is_not_a_change_from_it_to_itself():
+    same = alert(level="unknown", was="unknown")
+    assert "still unknown: " in same.line()
+    assert same.title().endswith(": still unknown")
+    assert "clear -> stop: " in alert(level="stop").line()
+
+
 @given(TEXTS, st.integers(10, 400))
 def test_a_line_is_one_line_that_prints(text, limit):
     line = one_line(text, limit)

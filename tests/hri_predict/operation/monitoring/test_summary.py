@@ -172,6 +172,14 @@ def test_the_self_check_is_told_where_there_is_one():
     assert "98.8 % of 431; zones widened 25 %, motion out of distribution 1 % of the time" in text
 
 
+def test_the_publish_phase_does_not_read_as_lateness():
+    summary, shown = summary_of(), io.StringIO()
+    summary.controllers = [{"name": "drive", "messages": 12}]
+    summary.print(Console(file=shown, width=120))
+    assert "9.60 ms after a tick is due" in shown.getvalue()
+    assert "messages (each frame of a zone or pose is one)" in shown.getvalue()
+
+
 def test_levels_stand_in_one_order_and_none_is_lost():
     told = summary_of(levels=[(level,) for level in reversed(Level)] + [(U,)]).ticks_at
     assert list(told) == ["clear", "warn", "slow", "stop", "unknown", "fault"]

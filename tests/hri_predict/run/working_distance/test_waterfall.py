@@ -159,7 +159,10 @@ def test_a_shorter_silence_timeout_lets_people_work_nearer(situation):
 
 def test_a_robot_whose_path_is_not_known_is_refused_with_the_remedy(situation, cell):
     lost = replace(situation, config=replace(cell, links=()))
-    with pytest.raises(ConfigError, match=r"no path of robot arm is known.*motion\.plan"):
+    with pytest.raises(
+        ConfigError,
+        match=r"no path of robot arm is known.*\{kind: state, plan: pick_and_place\}.*brake",
+    ):
         _ = lost.path
 
 

@@ -2,10 +2,12 @@
 
 import json
 import sys
+import time
 
 import pytest
 
 from hri_predict.cli import main
+from hri_sim.simulation.command.shown import counting
 
 QUICK = ["--distance", "--activity", "talking", "--noise", "0", "--seconds", "4", "--jobs", "1",
          "--predictor", "constant_velocity"]  # fmt: skip
@@ -42,6 +44,13 @@ def test_a_table_files_and_the_same_as_json(cli, tmp_path):
     assert "--json" not in out
 
 
+@pytest.mark.long
+def test_without_matplotlib_there_are_tables_alone(cli, tmp_path, no_matplotlib):
+    status, _, err = cli(*QUICK, "--mode", "iso", "--tracker", "full", "--out", tmp_path)
+    assert (status, err.count(no_matplotlib)) == (0, 1)
+    assert {path.name for path in tmp_path.iterdir()} == {"distance.md", "distance.json"}
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -73,3 +82,20 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(cli):
     status, _, err = cli("--distance", "--activity", "talking", "--out", "/dev/null/report")
     assert status == 2
     assert "--out /dev/null/report: cannot be written" in err
+
+
+def test_without_a_terminal_progress_is_a_line_every_few_seconds(capsys):
+    with counting("people", every_s=0.05) as count:
+        time.sleep(0.2)
+        count(1, 3, "window, full")
+        time.sleep(0.2)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "people (0 s)"
+    assert lines[-1] == "people: 1 of 3, last: window, full (0 s)"
+
+
+def test_a_cell_without_a_path_is_refused_before_any_worker_starts(cli, monkeypatch):
+    monkeypatch.setattr("hri_sim.simulation.distance.run.workers_for", None)
+    status, _, err = cli(*QUICK, "--tracker", "full", "live_udp.yaml")
+    assert status == 2
+    assert "motion: {kind: state, plan: pick_and_place}" in err

@@ -51,6 +51,15 @@ def test_tables_files_and_resumed_json(cli, small, tmp_path):
     assert data["asked"]["recordings"] == ["arms"]
 
 
+@pytest.mark.long
+def test_without_matplotlib_there_are_tables_alone(cli, small, tmp_path, no_matplotlib):
+    status, _, err = cli(*small, "--mode", "iso", "--out", tmp_path / "loop")
+    assert (status, err.count(no_matplotlib)) == (0, 1)
+    kinds = {path.suffix for path in (tmp_path / "loop").iterdir()}
+    assert {".md", ".json"} <= kinds
+    assert ".png" not in kinds
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
