@@ -61,7 +61,9 @@ def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mappe
     nowhere = usable & at_origin(person.positions, origin)
     unseen = int(np.count_nonzero(nowhere))
     usable &= ~nowhere
-    if not usable.any():
+    away = (np.abs(person.positions) >= ROOM_LIMIT_M).any(axis=1) & person.observed
+    # of a body in another unit, the one joint near the origin shows no size
+    if not usable.any() or 2 * away.sum() > person.observed.sum():
         return Mapped(None, "unusable_bodies" if unusable else None, unusable, unseen)
     positions, observed = joint_map.map(np.where(usable[:, None], person.positions, 0.0), usable)
     observed = observed & np.isfinite(positions).all(axis=1)

@@ -39,6 +39,18 @@ def test_joints_that_are_not_numbers_are_unobserved_and_counted(make_room, bad):
     assert room.see(body(1, 0.0)).reasons == ()
 
 
+@pytest.mark.parametrize("near", [0, 1, 2, 10])
+@pytest.mark.parametrize("factor", [1000.0, 1e6])
+def test_a_body_in_another_unit_is_impossible_however_few_of_its_joints_are_near(
+    make_room, near, factor
+):
+    room = make_room()
+    wrong = body(1, 3.0)
+    wrong.positions[:] = factor * wrong.positions
+    wrong.positions[:near] = 100.0 + 400.0 * SHAPE[:near]  # within 1000 m, and not of one body
+    assert Reason.INPUT_IMPOSSIBLE in room.see(wrong, times=3).reasons
+
+
 def test_one_joint_that_flies_off_is_disbelieved_alone(make_room):
     room = make_room()
     room.see(body(1, 0.0), times=5)
