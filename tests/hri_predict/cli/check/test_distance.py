@@ -28,7 +28,7 @@ def test_the_sum_and_the_three_largest_terms_each_with_a_remedy():
 
 @pytest.mark.parametrize(
     ("name", "why"),
-    [("live_udp.yaml", "give motion.plan"), ("simulate_mobile.yaml", "its base moves")],
+    [("live_udp.yaml", "plan: pick_and_place"), ("simulate_mobile.yaml", "its base moves")],
 )
 def test_where_it_cannot_be_known_one_line_says_why(name, why):
     (line,) = distance_lines(facts_of(name))
