@@ -208,11 +208,12 @@ def _check_near(path: Path, joint_map: JointMap, positions: Floats) -> None:
 
     Readers leave out what is too far away: in another unit, little may be left of the people.
     """
-    known = ~np.isnan(positions).any(axis=-1)
+    known: Bools = ~np.isnan(positions).any(axis=-1)
+    finite: Bools = np.isfinite(positions).all(axis=-1)
     far = (np.abs(positions) > MAX_COORDINATE_M).any(axis=-1)
     if not far.any():
         return
-    joints, seen = joint_map.map(positions, known & np.isfinite(positions).all(axis=-1))
+    joints, seen = joint_map.map(positions, finite)
     stature = stature_m(list(zip(joints, seen, strict=True)))
     unit = fitting_unit(stature, 1.0) if stature and not is_adult(stature) else None
     if unit is None and 2 * far.sum() <= known.sum():

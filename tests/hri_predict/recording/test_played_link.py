@@ -1,6 +1,7 @@
 """Recorded controllers in a replay without links."""
 
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -17,5 +18,5 @@ from hri_predict.recording.played_link import played_links
     ],
 )
 def test_a_recording_without_robot_states_says_so(caplog, source, robots, warned):
-    played_links(source, None, robots)
+    played_links(source, Mock(), robots)
     assert ("the recording has no robot states, so arm stays unknown" in caplog.text) == warned

@@ -38,7 +38,7 @@ from tests.hri_predict.risk.engine_cell import (
 def test_a_stop_that_waits_for_its_release_says_so_and_what_comes_after_that():
     cell = Cell(SETTINGS)
     cell.settle()
-    levels = {}
+    levels: dict[Level, float] = {}
     for x in np.arange(6.0, 0.4, -0.04):
         levels.setdefault(cell.step(x).level, x)
     waits = cell.step(levels[Level.SLOW])
