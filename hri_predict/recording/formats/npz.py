@@ -208,8 +208,8 @@ def _check_near(path: Path, joint_map: JointMap, positions: Floats) -> None:
 
     Readers leave out what is too far away: in another unit, little may be left of the people.
     """
-    known: Bools = ~np.isnan(positions).any(axis=-1)
-    finite: Bools = np.isfinite(positions).all(axis=-1)
+    known = ~np.isnan(positions).any(axis=-1)
+    finite: Bools = np.isfinite(positions.sum(axis=-1))
     far = (np.abs(positions) > MAX_COORDINATE_M).any(axis=-1)
     if not far.any():
         return

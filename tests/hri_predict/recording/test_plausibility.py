@@ -113,6 +113,7 @@ def test_convert_writes_no_file_that_lacks_most_joints_and_its_remedy_works(
             main()
         return ended.value.code
 
+    monkeypatch.chdir(tmp_path)
     path = archive(tmp_path / "a.npz", walk(), 1000)
     assert ran("convert", path, tmp_path / "b.mcap") != 0
     assert not (tmp_path / "b.mcap").exists()

@@ -123,7 +123,7 @@ def test_what_is_no_text_is_one_line(tmp_path):
 def test_a_missing_file_is_told_what_is_shipped(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(
-        ConfigError, match=r"did you mean 'demo.yaml'.*assembly.yaml, camera.yaml, demo.yaml"
+        ConfigError, match=r"did you mean 'demo.yaml'.*name one of the \d+ in .*, such as demo.yaml"
     ):
         configuration.load(tmp_path / "dmo.yaml")
     with pytest.raises(ConfigError, match="is a folder"):

@@ -89,12 +89,12 @@ def test_another_file_is_refused_in_one_line(tmp_path, text):
 def test_bytes_that_are_no_text_are_refused(tmp_path):
     path = tmp_path / "other.json"
     path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigError, match="not a bench of this version"):
+    with pytest.raises(ConfigError, match="it is not UTF-8 text"):
         saved.read(path)
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(ConfigError, match=r"none\.json: No such file"):
+    with pytest.raises(ConfigError, match=r"none\.json: cannot be read: No such file"):
         saved.read(tmp_path / "none.json")
 
 

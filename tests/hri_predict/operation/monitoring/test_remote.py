@@ -33,7 +33,7 @@ def said(folder, separations, period_s=0.5):
 
 def test_a_robot_far_from_everybody_is_reported_once(tmp_path):
     (line,) = said(tmp_path, [31.0, 30.5] * int(4 * WATCH_S))
-    assert "clear -> clear: arm: no person was seen nearer than 30.5 m within 60 s" in line
+    assert "still clear: arm: no person was seen nearer than 30.5 m within 60 s" in line
     assert "in metres" in line
 
 
