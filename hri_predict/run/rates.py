@@ -29,6 +29,7 @@ class RateSettings(Settings):
     publish_phase_s: float | None = Field(
         None,
         ge=0,
+        le=60,
         description="with ticks: fixed, time from a tick's deadline to its messages, half a cycle "
         "at most; 0: as soon as computed; default: learned from the first minute with people",
     )
