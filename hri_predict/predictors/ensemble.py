@@ -7,7 +7,7 @@ members: J. Bates, C. Granger, "The Combination of Forecasts", Operational Resea
 559.
 """
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import ClassVar
 
@@ -113,7 +113,9 @@ class AveragePredictor:
             PredictorError: a member's forecast is of the wrong shape or not finite.
         """
         ahead, variances = [], []
-        for forecast in self._threads.map(lambda m: self._of(m, history, observed), self.members):
+        asked = [self._threads.submit(self._of, m, history, observed) for m in self.members]
+        wait(asked)  # if one fails, the others must not still compute when they are asked again
+        for forecast in (each.result() for each in asked):
             ahead.append(forecast.positions[:, : self.horizon_steps])
             if forecast.std is not None:
                 variances.append(forecast.std[:, : self.horizon_steps] ** 2)

@@ -1,9 +1,12 @@
 """The average of several predictors' forecasts."""
 
+import threading
+import time
+
 import numpy as np
 import pytest
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, PredictorError
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.predictors.ensemble import AveragePredictor, AverageSettings
@@ -68,6 +71,29 @@ def test_its_deviation_is_that_of_the_mixture(people):
         drawn[..., :1] += offset
         # a standard error of 600 000 numbers is 0.1 %
         assert forecast.std[0, step, 3] == pytest.approx(np.sqrt((drawn**2).mean()), rel=0.01)
+
+
+def test_a_member_that_fails_leaves_no_other_computing(people):
+    failed = threading.Event()
+    ended = []
+
+    class Fails(ConstantAccelerationKalman):
+        def predict(self, history, observed):
+            failed.set()
+            raise PredictorError("no forecast")
+
+    class Waits(ConstantAccelerationKalman):
+        def predict(self, history, observed):
+            assert failed.wait(10)
+            time.sleep(0.1)  # still computing when the other has failed
+            ended.append(True)
+            return super().predict(history, observed)
+
+    found, settings = average("zero_velocity", "kalman"), alone("kalman")._settings
+    found.members, found.history_steps = [Fails(settings), Waits(settings)], 25
+    with pytest.raises(PredictorError, match="no forecast"):
+        found.predict(*people)
+    assert ended == [True]
 
 
 def test_it_reaches_as_far_as_all_its_members():
