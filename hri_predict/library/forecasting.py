@@ -89,6 +89,7 @@ class Spread:
                 error_m=trust.error_m,
                 residual_m=trust.residual_m,
                 measured=snapshot.measured,
+                std=forecast.std,
             ),
         )
         seen = np.asarray(snapshot.observed.any(1))
@@ -116,7 +117,7 @@ class RecordedForecast:
         horizons_s: (H,) time of each step after that capture.
         joints: (J,) names of the joints.
         positions: (P, H, J, 3) metres, in the recording's own frame with z up.
-        std: (P, H, J) metres, one standard deviation per axis, from the predictor or a calibration;
+        std: (P, H, J) metres, one standard deviation per axis, from a calibration or the predictor;
             infinite where unknown.
         reasons: why this input is not trusted; empty if it is.
     """
@@ -173,9 +174,9 @@ def forecasts(
     Args:
         recording: the captures.
         predictor: see ``load_predictor``.
-        calibration: the predictor's; see ``load_calibration_of``. It adds ``std`` to forecasts
-            without one, based on this person's motion and on the errors of the forecasts of 0.12
-            and 0.4 s ago.
+        calibration: the predictor's; see ``load_calibration_of``. ``std`` then follows from it,
+            this person's motion and the errors of the forecasts of 0.12 and 0.4 s ago; otherwise
+            ``std`` is the predictor's own, if it states one.
 
     Raises:
         ConfigError: the calibration is for a different number of steps per second.
@@ -241,10 +242,9 @@ def _forecast(
         found = checked(found, len(snapshot.ids), predictor)
     else:
         found = Forecast(np.zeros((0, steps, len(joints), 3)), None)
-    std = found.std
+    std = found.std if spread is None else spread.of(snapshot, found)
     if std is None:
-        unknown = np.full(found.positions.shape[:3], np.inf)
-        std = unknown if spread is None else spread.of(snapshot, found)
+        std = np.full(found.positions.shape[:3], np.inf)
     start_ns = recording.arrival_ns[0]
     capture_s: Floats = (snapshot.capture_ns - start_ns).astype(np.float64) * 1e-9
     return RecordedForecast(

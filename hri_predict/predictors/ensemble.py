@@ -105,25 +105,23 @@ class AveragePredictor:
     def predict(self, history: Floats, observed: Bools) -> Forecast:
         """The mean of what every member predicts; see ``Predictor.predict``.
 
-        If every member has a ``std``, it is that of the mixture of their distributions, the mean of
-        the axes: B. Lakshminarayanan et al., "Simple and Scalable Predictive Uncertainty Estimation
-        using Deep Ensembles", NIPS 2017, section 2.4. Otherwise it is ``None``.
+        ``std`` is that of the mixture of the members' distributions, the mean of the axes: B.
+        Lakshminarayanan et al., "Simple and Scalable Predictive Uncertainty Estimation using Deep
+        Ensembles", NIPS 2017, section 2.4. A member without a ``std`` counts as certain: between
+        such members it is how far they differ.
 
         Raises:
             PredictorError: a member's forecast is of the wrong shape or not finite.
         """
-        ahead, variances = [], []
+        ahead, variance = [], 0.0
         asked = [self._threads.submit(self._of, m, history, observed) for m in self.members]
         wait(asked)  # if one fails, the others must not still compute when they are asked again
         for forecast in (each.result() for each in asked):
             ahead.append(forecast.positions[:, : self.horizon_steps])
             if forecast.std is not None:
-                variances.append(forecast.std[:, : self.horizon_steps] ** 2)
+                variance = variance + forecast.std[:, : self.horizon_steps] ** 2 / len(asked)
         positions: Floats = np.mean(ahead, axis=0)
-        if len(variances) < len(ahead):
-            return Forecast(positions, None)
-        spread = np.var(ahead, axis=0).mean(axis=-1)
-        return Forecast(positions, np.sqrt(np.mean(variances, axis=0) + spread))
+        return Forecast(positions, np.sqrt(variance + np.var(ahead, axis=0).mean(axis=-1)))
 
     def _of(self, member: Predictor, history: Floats, observed: Bools) -> Forecast:
         own = slice(self.history_steps - member.history_steps, None)

@@ -313,6 +313,7 @@ class JointZones:
             error_m=trust.error_m,
             residual_m=trust.residual_m,
             measured=snapshot.measured,
+            std=forecast.std,
         )
         claimed = self._radii.of(speed, evidence)
         recent = snapshot.observed[:, -RECENT_STEPS:].sum(1)  # (P, J)

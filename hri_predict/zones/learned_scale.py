@@ -59,8 +59,9 @@ NOW = (
     "body_short", "body_long", "residual", "no_residual",
 )  # fmt: skip
 """Inputs that are the same for all steps."""
-AHEAD = ("moved", "speed_ahead", "lead", "log_lead")
-"""Inputs of each step."""
+AHEAD = ("moved", "speed_ahead", "lead", "log_lead", "spread")
+"""Inputs of each step. The spread is the standard deviation that a forecast states, such as how far
+the members of ``average`` differ; 0 without one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -74,6 +75,7 @@ class Evidence:
         error_m: (P, 2, J) errors of the forecasts made ``LEADS_S`` ago; NaN if unknown.
         residual_m: (P,) residual, see ``motion_class``; NaN if unknown.
         measured: (P, T, J) where the history was measured; ``None``: where it was observed.
+        std: (P, H, J) metres, standard deviation that the forecast states; ``None``: none.
     """
 
     history: Floats
@@ -82,6 +84,7 @@ class Evidence:
     error_m: Floats
     residual_m: Floats
     measured: Bools | None = None
+    std: Floats | None = None
 
 
 def inputs_now(evidence: Evidence, rate_hz: float, skeleton: Skeleton) -> Floats:
@@ -139,7 +142,10 @@ def inputs_ahead(evidence: Evidence | EvidenceArrays, knots: Ints, rate_hz: floa
     moved = np.where(seen, norm(at - last), 0.0)
     speed = np.where(seen | ~first[:, None], norm(at - earlier), 0.0) * rate_hz
     lead = (knots / rate_hz)[None, :, None] * np.ones(moved.shape)
-    return np.stack([_log_speed(moved), _log_speed(speed), lead, np.log(lead)], axis=-1)
+    std = evidence.std
+    spread = np.zeros(moved.shape) if std is None or not std.size else std[:, knots - 1]
+    columns = [_log_speed(moved), _log_speed(speed), lead, np.log(lead), _log_error(spread)]
+    return np.stack(columns, axis=-1)
 
 
 def _velocity(history: Floats, seen: Bools, *, skip: int, back: int, rate_hz: float) -> Floats:
@@ -216,6 +222,8 @@ class ScaleNetwork:
         except (KeyError, TypeError, OverflowError) as error:
             raise ValueError("the scale is not a valid network") from error
         plain, width = len(NOW) + len(AHEAD), len(NOW) + len(AHEAD) + len(KINDS)
+        if mean.shape == (plain - 1,) == deviation.shape and layers:
+            mean, deviation, layers = _without_spread(mean, deviation, layers)
         if mean.shape != (plain,) or deviation.shape != (plain,) or not (deviation > 0).all():
             raise ValueError("the scale's mean or deviation does not fit its inputs")
         for weights, biases in layers:
@@ -227,6 +235,18 @@ class ScaleNetwork:
         return ScaleNetwork(mean=mean, deviation=deviation, layers=layers)
 
 
+_Layers = tuple[tuple[Floats, Floats], ...]
+
+
+def _without_spread(
+    mean: Floats, deviation: Floats, layers: _Layers
+) -> tuple[Floats, Floats, _Layers]:
+    """Insert a spread without influence: calibrations of 0.2 do not have this input."""
+    (weights, biases), *rest = layers
+    weights = np.insert(weights, len(mean), 0.0, axis=0) if weights.ndim == 2 else weights
+    return np.append(mean, 0.0), np.append(deviation, 1.0), ((weights, biases), *rest)
+
+
 def _rounded(values: Floats) -> Any:
     return np.round(values, 5).tolist()
 
@@ -236,6 +256,9 @@ def _array(values: Any) -> Floats:
     if not np.isfinite(found).all():
         raise ValueError("the scale's network holds a number that is not finite")
     return found
+
+
+_NO_STD = np.zeros((0, 0, 0))
 
 
 class LearnedScale:
@@ -281,6 +304,7 @@ class LearnedScale:
             forecast=plain(evidence.forecast),
             error_m=plain(evidence.error_m),
             residual_m=plain(evidence.residual_m),
+            std=_NO_STD if evidence.std is None else plain(evidence.std),
         )
         return _scale(seen, self._tables)
 

@@ -54,6 +54,7 @@ class Scores:
         residual_m: (W,) see ``motion_class``; NaN where no forecast is old enough.
         past_error_m: (W, 2, J) see ``learned_scale.Evidence.error_m``.
         truth: the true motion.
+        std: (W, H, J) metres, standard deviation that the forecasts state; ``None``: none.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Scores:
     past_error_m: Floats
     truth: Presence
     digest: str | None = None
+    std: Floats | None = None
 
     def only(self, windows: slice) -> "Scores":
         """The scores of some windows; ``truth`` stays complete."""
@@ -84,6 +86,7 @@ def evidence_of(entry: Scores) -> Evidence:
         forecast=entry.forecast,
         error_m=entry.past_error_m,
         residual_m=entry.residual_m,
+        std=entry.std,
     )
 
 
@@ -245,12 +248,12 @@ def score_presence(
     history = np.stack([w[0] for w in windows])
     observed = np.stack([w[1] for w in windows])
     own = slice(steps - predictor.history_steps, None)
-    forecast = np.concatenate(
-        [
-            checked(predictor.predict(h[:, own], o[:, own]), len(h), predictor).positions
-            for h, o in _batches(history, observed)
-        ]
-    )
+    made = [
+        checked(predictor.predict(h[:, own], o[:, own]), len(h), predictor)
+        for h, o in _batches(history, observed)
+    ]
+    forecast = np.concatenate([each.positions for each in made])
+    stated = [each.std for each in made if each.std is not None]
     true = at if delivered is None else delivered[at]
     error = np.stack(
         [
@@ -272,6 +275,7 @@ def score_presence(
         residual_m=_residual(seen, at, forecast, predictor.rate_hz),
         past_error_m=_past_errors(seen, at, forecast, predictor.rate_hz),
         truth=presence,
+        std=np.concatenate(stated) if stated else None,
     )
 
 

@@ -34,6 +34,7 @@ class EvidenceArrays(NamedTuple):
     forecast: Floats
     error_m: Floats
     residual_m: Floats
+    std: Floats
 
 
 class Tables(NamedTuple):
@@ -73,12 +74,13 @@ def scale_by_loops(seen: EvidenceArrays, tables: Tables) -> Floats:
     scale = np.empty((people, len(tables.below), joints))
     logs = np.empty((len(tables.knots), joints))
     now, moved = np.empty((joints, tables.now.shape[0])), np.empty((4, joints, 3))
-    ahead = np.empty((len(tables.knots), joints, 4))
+    ahead = np.empty((len(tables.knots), joints, 5))
     for p in range(people):
         given = seen.history[p], seen.observed[p]
         _inputs_now(given, tables, now, moved)
         _inputs_of_errors(seen.error_m[p], seen.residual_m[p], now)
         _inputs_ahead(given, seen.forecast[p], tables, ahead)
+        _inputs_of_spread(seen.std, p, tables, ahead)
         _normalise(now, ahead, tables.mean, tables.deviation)
         _network(now, ahead, tables, logs)
         _between_knots(logs, tables, scale[p])
@@ -107,9 +109,11 @@ def _network(now: Floats, ahead: Floats, tables: Tables, logs: Floats) -> None:
                 base[h] += value * of_now[i, h]
         for k in range(len(ahead)):
             a, b, c, d = ahead[k, j, 0], ahead[k, j, 1], ahead[k, j, 2], ahead[k, j, 3]
+            e = ahead[k, j, 4]
             for h in range(hidden):
                 shared = a * of_ahead[0, h] + b * of_ahead[1, h]
-                row[h] = base[h] + (shared + (c * of_ahead[2, h] + d * of_ahead[3, h]))
+                shared += c * of_ahead[2, h] + d * of_ahead[3, h]
+                row[h] = base[h] + (shared + e * of_ahead[4, h])
             width = hidden
             for weights, biases in rest:
                 count = _positive(row, width, used)
@@ -173,7 +177,7 @@ def _normalise(now: Floats, ahead: Floats, mean: Floats, deviation: Floats) -> N
     for i in range(count):
         for j in range(len(now)):
             now[j, i] = _bounded((now[j, i] - mean[i]) / deviation[i], -BEYOND, BEYOND)
-    for i in range(4):
+    for i in range(5):
         for k in range(len(ahead)):
             for j in range(len(now)):
                 value = (ahead[k, j, i] - mean[count + i]) / deviation[count + i]
@@ -312,7 +316,7 @@ def _inputs_of_errors(error_m: Floats, residual_m: float, now: Floats) -> None:
 def _inputs_ahead(
     given: tuple[Floats, Bools], forecast: Floats, tables: Tables, ahead: Floats
 ) -> None:
-    """Fill (K, J, ``AHEAD``) from the past (T, J, 3) and future (H, J, 3) positions."""
+    """Fill (K, J, ``AHEAD``) but the spread from the past (T, J, 3) and future (H, J, 3)."""
     history, observed = given
     knots, rate_hz, now = tables.knots, tables.rate_hz, len(observed) - 1
     for k in range(len(knots)):
@@ -331,3 +335,11 @@ def _inputs_ahead(
                 speed = _size(x, y, forecast[at, j, 2] - forecast[at - 1, j, 2])
             ahead[k, j, 0], ahead[k, j, 1] = _log_speed(moved), _log_speed(speed * rate_hz)
             ahead[k, j, 2], ahead[k, j, 3] = lead, log_lead
+
+
+@part
+def _inputs_of_spread(std: Floats, p: int, tables: Tables, ahead: Floats) -> None:
+    """Fill the last column; ``std`` is empty if the forecast states none."""
+    for k in range(len(tables.knots)):
+        for j in range(ahead.shape[1]):
+            ahead[k, j, 4] = _log_error(std[p, tables.knots[k] - 1, j]) if len(std) else 0.0

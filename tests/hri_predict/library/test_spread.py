@@ -76,12 +76,15 @@ def test_it_is_causal(recording):
         np.testing.assert_array_equal(a.std, b.std)
 
 
-def test_a_predictors_own_standard_deviation_stays(recording):
+def test_a_predictors_own_standard_deviation_gives_way_to_a_calibration(recording):
     kalman = hri_predict.load_predictor("kalman")
     calibration = hri_predict.load_calibration_of("kalman")
-    own = list(hri_predict.forecasts(recording, kalman))
-    both = list(hri_predict.forecasts(recording, kalman, calibration))
-    np.testing.assert_array_equal(own[-1].std, both[-1].std)
+    own = list(hri_predict.forecasts(recording, kalman))[-1]
+    calibrated = list(hri_predict.forecasts(recording, kalman, calibration))[-1]
+    assert np.isfinite(own.std).all()
+    known = np.isfinite(calibrated.std)
+    assert known.any()
+    assert (own.std[known] != calibrated.std[known]).any()
 
 
 def test_other_settings_have_no_calibration_and_other_rates_are_refused(recording):

@@ -37,15 +37,19 @@ def test_it_is_the_mean_of_what_each_says_of_its_own_history(people):
     found = average(*BASELINES)
     assert found.history_steps == max(alone(n).history_steps for n in BASELINES)
     own = slice(25 - found.history_steps, None)
-    said = []
+    said, variances = [], []
     for name in BASELINES:
         member = alone(name)
         last = slice(25 - member.history_steps, None)
-        said.append(member.predict(history[:, last], observed[:, last]).positions)
+        its = member.predict(history[:, last], observed[:, last])
+        said.append(its.positions)
+        variances.append(0.0 * its.positions[..., 0] if its.std is None else its.std**2)
     forecast = found.predict(history[:, own], observed[:, own])
     # a sum of three and a division: an epsilon each, of magnitudes up to 3 m
     np.testing.assert_allclose(forecast.positions, np.mean(said, axis=0), atol=1e-14)
-    assert forecast.std is None
+    assert forecast.std is not None
+    variance = np.mean(variances, axis=0) + np.var(said, axis=0).mean(-1)
+    np.testing.assert_allclose(forecast.std, np.sqrt(variance), rtol=1e-9)
 
 
 def test_its_deviation_is_that_of_the_mixture(people):

@@ -61,6 +61,7 @@ def evidence(seed=0, people=2, back=15, steps=25):
         forecast=history[:, -1:] + ahead,
         error_m=np.where(rng.random(error.shape) < 0.2, np.nan, error),
         residual_m=np.where(rng.random(people) < 0.2, np.nan, rng.exponential(0.1, people)),
+        std=rng.exponential(0.05, (people, steps, COUNT)),
     )
 
 
@@ -149,6 +150,7 @@ def test_inputs_by_hand():
         forecast=history[:, -1:] + np.arange(1, 26)[:, None, None] / RATE_HZ * velocity,
         error_m=error,
         residual_m=np.array([0.1]),
+        std=np.full((1, 25, COUNT), 0.03),
     )
     found = dict(zip(NOW, inputs_now(known, RATE_HZ, CANONICAL)[0, WRIST], strict=True))
     speed, wrong = (lambda x: np.log1p(5 * x)), (lambda x: np.log1p(20 * x))
@@ -163,9 +165,14 @@ def test_inputs_by_hand():
     ahead = inputs_ahead(known, np.array([1, 10]), RATE_HZ)[0, :, WRIST]
     assert ahead == pytest.approx(
         np.array(
-            [[speed(0.08), speed(2), 0.04, np.log(0.04)], [speed(0.8), speed(2), 0.4, np.log(0.4)]]
+            [
+                [speed(0.08), speed(2), 0.04, np.log(0.04), wrong(0.03)],
+                [speed(0.8), speed(2), 0.4, np.log(0.4), wrong(0.03)],
+            ]
         )
     )
+    alone = inputs_ahead(replace(known, std=None), np.array([1, 10]), RATE_HZ)[0, :, WRIST]
+    np.testing.assert_array_equal(alone, [[*row[:4], 0.0] for row in ahead])
 
 
 # -- what is not known ----------------------------------------------------------------------------
@@ -257,6 +264,19 @@ def test_stored_and_read_it_is_the_same_to_rounding():
     # about 4, and two layers pass it on by about 4 each: 28 x 4 x 5e-6 x 16 = 0.01 of a logarithm
     assert scale(back)(evidence()) == pytest.approx(scale(own)(evidence()), rel=0.01)
     assert back.to_json() == own.to_json()
+
+
+def test_a_network_from_before_the_spread_was_an_input_is_read_and_ignores_it():
+    own, at = network(), len(NOW) + len(AHEAD) - 1
+    own.layers[0][0][at] = 0.0
+    data = own.to_json()
+    data["mean"].pop()
+    data["deviation"].pop()
+    data["layers"][0]["weights"].pop(at)
+    old = ScaleNetwork.of_json(data)
+    known = evidence()
+    np.testing.assert_allclose(scale(old)(known), scale(own)(known), rtol=1e-3)  # 5 decimals
+    np.testing.assert_array_equal(scale(old)(known), scale(old)(replace(known, std=None)))
 
 
 def test_a_network_that_overflows_is_unbounded_and_does_not_fail():
