@@ -54,8 +54,11 @@ class TrainingView:
             self._write(epoch)
 
     def _left(self, epoch: Epoch) -> str:
-        done = epoch.step / self._total
-        return f", {epoch.minutes / done - epoch.minutes:.1f} min left" if done < 1 else ""
+        left = epoch.minutes * (self._total / epoch.step - 1.0)
+        limit = self._config.train.max_minutes
+        if limit is not None:
+            left = min(left, limit - epoch.minutes)
+        return f", {left:.1f} min left" if left > 0 else ""
 
     def _write(self, epoch: Epoch) -> None:
         for name, value in epoch.losses.items():
