@@ -77,14 +77,15 @@ class Plan:
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):
             return None
         off = np.abs(self._q - q)
-        close = (off <= JOINT_TOLERANCE + self._gap).all(1)
-        rate = np.clip((self._dq @ qd) / self._dq_square, 0.0, 1.0)
+        near = np.flatnonzero((off <= JOINT_TOLERANCE + self._gap).all(1))  # few of many
+        dq = self._dq[near]
+        rate = np.clip((dq @ qd) / self._dq_square[near], 0.0, 1.0)
         fastest = float(np.abs(qd).max())
         tolerance = VELOCITY_NOISE + VELOCITY_TOLERANCE * fastest
-        close &= (np.abs(rate[:, None] * self._dq - qd) <= tolerance).all(1)
-        cost = np.where(close, (off**2).sum(1), np.inf)
-        best = close & (cost <= np.roll(cost, 1)) & (cost <= np.roll(cost, -1))
-        places = np.flatnonzero(best)
+        near = near[(np.abs(rate[:, None] * dq - qd) <= tolerance).all(1)]
+        cost = np.full(len(off), np.inf)
+        own = cost[near] = (off[near] ** 2).sum(1)
+        places = near[(own <= cost[near - 1]) & (own <= cost[(near + 1) % len(cost)])]
         if not len(places) or (expected_s is None and fastest <= VELOCITY_NOISE):
             return None
         if expected_s is None:
@@ -97,7 +98,7 @@ class Plan:
 
     def _refined(self, place: int, q: Floats, qd: Floats) -> OnPlan | None:
         """Return the place near table entry ``place`` with the joints nearest to ``q``."""
-        along = (np.roll(self._q, -1, 0)[place] - np.roll(self._q, 1, 0)[place]) / 2
+        along = (self._q[(place + 1) % len(self._q)] - self._q[place - 1]) / 2
         part = (q - self._q[place]) @ along / max(float(along @ along), 1e-12)
         phase = float(self._phases[place] + np.clip(part, -1.0, 1.0) * self._step_s)
         on_path, dq = self.trajectory.at(phase)

@@ -5,18 +5,21 @@ import itertools
 
 import pytest
 
+from hri_predict.protocol.messages import Level
+from hri_predict.risk.settings import RISK_MODES
+from hri_predict.run.working_distance import seen
 from hri_sim.simulation.approach import over_floor
 from hri_sim.simulation.bodies import compute, joined, moved
 from hri_sim.simulation.cell import Cell, variants
-from hri_sim.simulation.episode import run_episode
+from hri_sim.simulation.episode import _Watch, run_episode
 from hri_sim.simulation.motion import load_motion
 from hri_sim.simulation.results.outcome import Truth, outcome, prediction
 from hri_sim.simulation.scenario import draw
 from hri_sim.simulation.whole_node import disagreement
 
 
-def episode(cell, names, index):
-    modes = variants(cell.config, ["predictive", "iso"], [])
+def episode(cell, names, index, risk_modes=("predictive", "iso")):
+    modes = variants(cell.config, risk_modes, [])
     motions = [load_motion(name, 30.0) for name in names]
     scenario = draw(seed=0, index=index, motions=motions, workspace=cell.workspace, lead_in_s=3.0)
     bodies = joined(
@@ -53,6 +56,30 @@ def test_with_a_tick_for_each_capture_it_agrees_too(cell):
     assert {b - a for a, b in itertools.pairwise(stamps)} - {40_000_000}  # not the fixed rate
     log = run_episode(cell=capture, scenario=scenario, variant=modes[0], bodies=bodies)
     assert disagreement(capture, scenario, modes[0], log) == ""
+
+
+@pytest.mark.long
+def test_batched_and_single_forecasts_give_the_same_advice_in_each_mode(cell, monkeypatch):
+    cell = Cell(cell.config.with_predictor("mixer", horizon_s=1.2))
+    advices, record = [], _Watch.on_tick
+    monkeypatch.setattr(
+        _Watch, "on_tick", lambda self, tick: (record(self, tick), advices.extend(tick.advices))
+    )
+    logs = []
+    for batch in (seen.BATCH, 1):
+        monkeypatch.setattr(seen, "BATCH", batch)
+        modes, scenario, bodies = episode(cell, ["procedural:1"], 0, RISK_MODES)
+        logs += [run_episode(cell=cell, scenario=scenario, variant=v, bodies=bodies) for v in modes]
+    half = len(advices) // 2
+    for mine, single in zip(advices[:half], advices[half:], strict=True):
+        assert (mine.level, mine.reason) == (single.level, single.reason)
+        assert mine.speed_limit_m_s == pytest.approx(single.speed_limit_m_s, abs=1e-3)
+    assert {advice.level for advice in advices} >= {Level.CLEAR, Level.SLOW, Level.STOP}
+    half = len(logs) // 2
+    for mine, single in zip(logs[:half], logs[half:], strict=True):
+        assert (mine.contacts, mine.levels) == (single.contacts, single.levels)
+        assert mine.controllers[0].stops == single.controllers[0].stops
+        assert mine.min_separation_m == pytest.approx(single.min_separation_m, abs=1e-3)
 
 
 @pytest.fixture(scope="module")
