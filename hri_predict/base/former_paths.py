@@ -6,7 +6,6 @@ import sys
 import warnings
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 
@@ -27,13 +26,21 @@ FORMER = {
 """Former path -> current path of the module."""
 
 
-class _Finder(MetaPathFinder, Loader):
-    """Finds a module under its former path; the import system tries it last."""
+class _Finder:
+    """Finds a module under its former path; the import system tries it last.
+
+    It derives from no class: ``importlib.abc`` imports much, and ``import hri_predict`` needs this.
+    """
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        return ModuleSpec(fullname, self) if fullname in FORMER else None
+        if fullname not in FORMER:
+            return None
+        return ModuleSpec(fullname, self)  # type: ignore[arg-type]  # it has a loader's methods
+
+    def create_module(self, spec: ModuleSpec) -> None:
+        """Let the import system create the module."""
 
     def exec_module(self, module: ModuleType) -> None:
         former = module.__name__

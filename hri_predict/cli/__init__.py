@@ -6,6 +6,7 @@ import os
 import sys
 from typing import NoReturn
 
+from hri_predict import __version__
 from hri_predict.base.errors import ConfigMistakes, HriPredictError
 from hri_predict.operation.service import logs
 
@@ -94,8 +95,11 @@ def _run() -> object:
     """Run the command named in ``sys.argv``, and return its exit status.
 
     The commands are imported here because the import takes most of a second, and Ctrl-C during that
-    time must also exit quietly.
+    time must also exit quietly. ``--version`` alone, which scripts ask for, needs no parser.
     """
+    if sys.argv[1:] == ["--version"]:
+        print(f"hri-predict {__version__}")
+        return 0
     from hri_predict.cli.commands import app
 
     try:

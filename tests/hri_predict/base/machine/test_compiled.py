@@ -150,3 +150,18 @@ def test_it_says_why_arrays_compute(monkeypatch):
     monkeypatch.setenv("HRI_PREDICT_COMPILED", "1")
     monkeypatch.setattr(importlib.util, "find_spec", lambda _name: None)
     assert "pip install 'hri-predict[accel]'" in why_not_compiled()
+
+
+def test_numba_does_not_bring_scipy_which_is_there_for_others():
+    pytest.importorskip("numba", reason="extra accel is not installed")
+    pytest.importorskip("scipy", reason="nothing brings it here")
+    code = (
+        "import sys\n"
+        "from hri_predict.base.machine.compiled import is_compiled\n"
+        "assert is_compiled()\n"
+        "import numba\n"
+        "assert numba.njit(lambda x: 2.0 * x)(1.0) == 2.0\n"
+        "assert 'scipy.linalg' not in sys.modules\n"
+        "import scipy.linalg.cython_blas\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
