@@ -19,7 +19,7 @@ from typing import Protocol
 from hri_predict.base.clock import VirtualClock
 from hri_predict.base.errors import MachineError
 from hri_predict.base.machine.asleep import Asleep
-from hri_predict.base.machine.realtime import steady
+from hri_predict.base.machine.realtime import settle, steady
 from hri_predict.contracts.source import NOT_KNOWN_NS, live_part, wait_for
 from hri_predict.node.repeats import NEVER_NS
 from hri_predict.operation.monitoring.pace import Pace
@@ -287,7 +287,7 @@ def _quiet_collector(first: bool = True) -> Iterator[None]:
     interval = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     if first:
-        gc.collect()
+        settle()
     gc.freeze()
     try:
         yield

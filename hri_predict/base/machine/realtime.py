@@ -9,6 +9,7 @@ Linux: sched(7), sched_setscheduler(2), mlockall(2).
 
 import contextlib
 import ctypes
+import gc
 import logging
 import os
 from collections.abc import Iterator
@@ -118,6 +119,17 @@ def lock_memory() -> str:
         f"memory cannot be locked: {os.strerror(ctypes.get_errno())}; set LimitMEMLOCK=infinity "
         "in the service's unit, or memlock in /etc/security/limits.conf"
     )
+
+
+def settle() -> None:
+    """End a start: collect garbage, exclude the rest from collections, and return free memory.
+
+    Loading a network frees several copies of its weights, which the C library would keep.
+    """
+    gc.collect()
+    gc.freeze()
+    with contextlib.suppress(OSError, AttributeError):  # other libraries than glibc lack it
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _pin(cores: set[int]) -> str:

@@ -6,7 +6,6 @@ the memory. Settings arrive as JSON and are validated again; no code is received
 """
 
 import contextlib
-import gc
 import json
 import logging
 import os
@@ -60,7 +59,7 @@ def _serve(link: socket.socket, memory: int, job: dict[str, Any]) -> None:
     Raises:
         HriPredictError: it cannot be built.
     """
-    from hri_predict.base.machine.realtime import lock_memory
+    from hri_predict.base.machine.realtime import lock_memory, settle
     from hri_predict.base.settings import validated
     from hri_predict.contracts import registry
     from hri_predict.predictors.building import predictor_of
@@ -81,10 +80,9 @@ def _serve(link: socket.socket, memory: int, job: dict[str, Any]) -> None:
         len(predictor.skeleton.joints),
     )
     windows = SharedWindows(memory, sizes)
+    settle()
     if job["lock_memory"] and (problem := lock_memory()):
         logging.getLogger(__name__).warning("the predictor's process: %s", problem)
-    gc.collect()
-    gc.freeze()
     done = 0
     while link.recv(MAX_MESSAGE):
         taken = windows.take(after=done)

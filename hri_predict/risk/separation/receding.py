@@ -26,18 +26,12 @@ def receding_steps(people: Capsules, robot: Capsules) -> int:
         count.
     """
     steps = len(robot.radius)
-    before = link_distances(people, robot[0:1])
-    done = 0
-    for until in (2, steps):  # most approaching links show it in the first step
-        after = link_distances(people, robot[done + 1 : until])
-        grows = np.diff(after, axis=0, prepend=before) >= -FALLS_M
+    for first, until in ((0, 2), (1, steps)):  # most approaching links show it in the first step
+        grows = np.diff(link_distances(people, robot[first:until]), axis=0) >= -FALLS_M
         falls = np.flatnonzero(~grows.all(axis=(1, 2)))
         if falls.size:
-            return done + int(falls[0])
-        done, before = until - 1, after[-1:]
-        if done == steps - 1:
-            break
-    return done
+            return first + int(falls[0])
+    return steps - 1
 
 
 def link_distances(people: Capsules, robot: Capsules) -> Floats:
