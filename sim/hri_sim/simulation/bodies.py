@@ -17,7 +17,6 @@ from hri_predict.base.geometry import Capsules, transform
 from hri_predict.contracts.source import Source
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.risk.engine import RiskEngine
-from hri_predict.run import assemble
 from hri_predict.run.session import VIRTUAL_START_NS
 from hri_predict.run.working_distance.seen import moved_zones, watch
 from hri_predict.zones.body_zones import BodyZones
@@ -25,7 +24,7 @@ from hri_predict.zones.human_speed import joined_speeds
 from hri_predict.zones.toward import Toward
 from hri_sim.referee import TruePeople
 from hri_sim.simulation.approach import ApproachSource, exact
-from hri_sim.simulation.cell import Cell, Variant, with_risk
+from hri_sim.simulation.cell import Cell, Variant
 
 # -- the bound that no predictor can exceed: zones that hold exactly the true future ---------------
 #
@@ -170,11 +169,7 @@ def engines_of(
     Raises:
         ConfigError: the source's rate or the configuration does not allow it.
     """
-    trackers = (cell.trackers(clock) for _ in variants)
-    return {
-        v.name: assemble.build_risk(with_risk(cell.config, v), source, cell.predictor, own)
-        for v, own in zip(variants, trackers, strict=True)
-    }
+    return {v.name: cell.engine_of(v, source, cell.trackers(clock)) for v in variants}
 
 
 def without_people(snapshot: PeopleSnapshot) -> PeopleSnapshot:

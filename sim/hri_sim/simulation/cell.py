@@ -9,12 +9,15 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import validated
 from hri_predict.contracts.link import LinkSettings
 from hri_predict.contracts.predictor import Predictor
+from hri_predict.contracts.source import Source
+from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotModel
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.robots.trajectory import Trajectory
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
+from hri_predict.zones.calibration import Calibration
 from hri_sim.controllers.station import Post, posts
 from hri_sim.simulation.approach import ApproachSettings
 from hri_sim.simulation.scenario import Scenario, Workspace
@@ -126,7 +129,7 @@ class Cell:
                 f"has no hardware (see the shipped simulate.yaml)"
             )
         self.config = config
-        self._configs: dict[str, Config] = {}
+        self._known: dict[str, tuple[Config, Calibration | None]] = {}
         self.predictor = predictor or assemble.build_predictor(config)
         self._posts = posts(config.links, config.node.robots, config.base_dir)
         drives = {p.robot.name: p.drive for p in self._posts if p.drive is not None}
@@ -150,9 +153,26 @@ class Cell:
 
     def config_of(self, variant: Variant) -> Config:
         """Return ``with_risk`` for a variant, validated once."""
-        if variant.name not in self._configs:
-            self._configs[variant.name] = with_risk(self.config, variant)
-        return self._configs[variant.name]
+        return self._of(variant)[0]
+
+    def engine_of(
+        self, variant: Variant, source: Source, trackers: Sequence[RobotTracker]
+    ) -> RiskEngine:
+        """Return a new risk stage of a variant, whose calibration is read once.
+
+        Raises:
+            ConfigError: the source's rate or the configuration does not allow it.
+        """
+        config, calibration = self._of(variant)
+        return assemble.build_risk(
+            config, source, self.predictor, trackers, calibration=calibration
+        )
+
+    def _of(self, variant: Variant) -> tuple[Config, Calibration | None]:
+        if variant.name not in self._known:
+            config = with_risk(self.config, variant)
+            self._known[variant.name] = config, assemble.build_calibration(config)
+        return self._known[variant.name]
 
     def posts(self, links: Sequence[LinkSettings]) -> list[Post]:
         """Return the controllers' posts at the far ends of these links, at a scenario's start."""

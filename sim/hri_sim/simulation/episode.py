@@ -107,7 +107,7 @@ def run_episode(
     trackers = cell.trackers(clock)
     advised = assemble.advised_on_links(config)
     played = _Played(bodies, variant.name, nobody)
-    engine = assemble.build_risk(config, source, cell.predictor, trackers)
+    engine = cell.engine_of(variant, source, trackers)
     watch = _Watch()
     node = Node(
         people=_PlayedPeople(played),

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import hri_predict
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.lab.calibration.levels import levels_text
@@ -399,12 +398,3 @@ def test_the_shipped_ones_can_be_read(path):
     made = load_calibration(path)
     assert path.name == f"{made.predictor}.calibration.json"
     assert made.rate_hz == 25.0
-
-
-@pytest.mark.parametrize("name", ["average", "sinn"])
-def test_the_default_predictor_and_its_rival_grow_with_tracker_noise_and_know_directions(name):
-    """A new default once shipped without growth, so noisy trackers got the zones of clean ones."""
-    made = hri_predict.load_calibration_of(name)
-    assert made is not None
-    assert made.noise is not None
-    assert made.toward is not None

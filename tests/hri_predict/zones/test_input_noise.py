@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import hri_predict
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.zones.calibration import load_calibration, save_text
@@ -228,3 +229,12 @@ def test_a_growth_that_cannot_be_is_refused(tmp_path, make_calibration, change, 
 
 def test_in_an_empty_room_there_is_no_noise():
     assert measured(walking()[:0]).shape == (0,)
+
+
+@pytest.mark.parametrize("name", ["average", "sinn"])
+def test_the_default_predictor_and_its_rival_grow_with_tracker_noise_and_know_directions(name):
+    """A new default once shipped without growth, so noisy trackers got the zones of clean ones."""
+    made = hri_predict.load_calibration_of(name)
+    assert made is not None
+    assert made.noise is not None
+    assert made.toward is not None

@@ -14,7 +14,6 @@ from torch import nn
 from hri_predict.base.errors import ConfigError, PredictorError
 from hri_predict.lab.training import loop
 from hri_predict.lab.training.config import TrainingConfig
-from hri_predict.lab.training.view import TrainingView
 from hri_predict.lab.training.windows.samples import Samples
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import (
@@ -399,22 +398,3 @@ def test_every_loss_has_its_name_in_the_epochs(tmp_path):
     assert first.losses.keys() == {"position", "loss"}
     assert last.losses.keys() == {"position", "critic", "loss"}
     assert last.losses["loss"] == pytest.approx(last.losses["position"])
-
-
-@pytest.mark.parametrize(("limit", "left"), [(None, "30.0"), (15.0, "5.0"), (60.0, "30.0")])
-def test_the_time_left_is_that_of_the_epochs_or_of_the_limit(tmp_path, capsys, limit, left):
-    view = TrainingView(make_config(tmp_path, max_minutes=limit), None)
-    view.started(0, 16)
-    view.ended_epoch(
-        loop.Epoch(
-            number=1,
-            step=4,
-            losses={"loss": 1.0},
-            validation=None,
-            best=True,
-            learning_rate=0.1,
-            minutes=10.0,
-        )
-    )
-    view.close()
-    assert f"10.0 min, {left} min left" in capsys.readouterr().err
