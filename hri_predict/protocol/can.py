@@ -27,6 +27,8 @@ from hri_predict.protocol.reception import ReceiveCounters, fresh
 
 DEFAULT_BASE_ID = 0x680  # up to 0x6DF: neither a default nor a reserved id of CANopen
 LAST_NUMBER = max((*frame_table(classic=True), *frame_table(classic=False)))
+ISOTP_NUMBER = 0x46  # default id of the node's segments: base id plus this
+FLOW_CONTROL_NUMBER = 0x47  # suggested id of the peer's answers: base id plus this
 CLASSIC_BYTES = e2e.PROFILE_2_HEADER + PART_BYTES
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 _FD_LENGTH = [next(n for n in FD_LENGTHS if n >= length) for length in range(FD_LENGTHS[-1] + 1)]

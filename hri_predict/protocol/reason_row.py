@@ -35,9 +35,9 @@ class Row:
 
     Attributes:
         number: its number on the wire.
+        kind: its subject.
         text: what is wrong, for a person.
         clears_when: what clears it, for a person; "" for NONE.
-        kind: its subject.
         rank: order, mildest first, among reasons that change continuously into each other; noise
             must not make them alternate (``risk.levels.steady_reason``). ``None``: set and replaced
             without delay.
@@ -55,9 +55,9 @@ class Row:
     """
 
     number: int
+    kind: Kind
     text: str
     clears_when: str
-    kind: Kind
     _: KW_ONLY
     rank: int | None = None
     latches: Literal["", "blind", "lost"] = ""

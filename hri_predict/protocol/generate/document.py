@@ -24,6 +24,7 @@ from hri_predict.protocol.fields import (
     Field,
     frame_number,
 )
+from hri_predict.protocol.generate import isotp
 from hri_predict.protocol.generate.blocks import Blocks
 from hri_predict.protocol.generate.dbc import frame_name
 from hri_predict.protocol.generate.examples import EXAMPLES, encodings, fields_of, meaning
@@ -221,6 +222,9 @@ def message_block(kind: type[Message]) -> Callable[[], str]:
 BLOCKS: Blocks = {
     **{d.name: message_block(d.type) for d in DEFINITIONS},
     "frames": frames,
+    "fd frames": isotp.fd_frames,
+    "isotp sizes": isotp.sizes,
+    "isotp example": isotp.example,
     "levels": lambda: enumeration(Level),
     "node states": lambda: enumeration(NodeState),
     "robot modes": lambda: enumeration(RobotMode),

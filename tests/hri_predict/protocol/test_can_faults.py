@@ -90,7 +90,9 @@ def test_any_payload_under_a_right_crc_decodes_or_is_malformed(kind: type, paylo
         assert "nan" not in repr(message)
 
 
-HEAD = bytes((1, 0, 0, 0, 0, 0, 0))  # of a Zone, up to FIRST, TOTAL, COUNT
+_ZONE = BY_TYPE[Zone]
+HEAD = bytes((1, *bytes(_ZONE.fixed_bytes - 4)))  # of a Zone, up to FIRST, TOTAL, COUNT
+_CAPSULE = _ZONE.item_bytes
 
 
 @pytest.mark.parametrize(
@@ -101,9 +103,9 @@ HEAD = bytes((1, 0, 0, 0, 0, 0, 0))  # of a Zone, up to FIRST, TOTAL, COUNT
         (RobotState, bytes((7 << 4, 0)) + bytes(28)),  # without the seventh joint
         (RobotState, bytes((6 << 4, 0, 0, 0, 0, 1 << 4)) + bytes(36)),  # without its base
         (RobotState, bytes(5)),
-        (Zone, HEAD + bytes((2, 3, 2)) + bytes(30)),  # items beyond TOTAL
-        (Zone, HEAD + bytes((0, 9, 4)) + bytes(60)),  # more than a frame carries
-        (Zone, HEAD + bytes((0, 3, 3)) + bytes(44)),  # one byte short of three capsules
+        (Zone, HEAD + bytes((2, 3, 2)) + bytes(2 * _CAPSULE)),  # items beyond TOTAL
+        (Zone, HEAD + bytes((0, 9, 4)) + bytes(4 * _CAPSULE)),  # more than a frame carries
+        (Zone, HEAD + bytes((0, 3, 3)) + bytes(3 * _CAPSULE - 1)),  # one byte too short
         (Status, bytes(5)),
     ],
 )

@@ -25,8 +25,6 @@ from hri_predict.protocol.profile4 import MAX_WHOLE, Profile4Receiver, Profile4S
 from hri_predict.protocol.reception import ReceiveCounters
 from hri_predict.protocol.wire import WireBits, classic_bits
 
-ISOTP_NUMBER = 0x46  # default id of the node's segments: base id plus this
-FLOW_CONTROL_NUMBER = 0x47  # suggested id of the peer's answers: base id plus this
 TRANSFER_LIMIT_NS = 1_000_000_000  # N_Bs of ISO 15765-2; an older zone is useless anyway
 MAX_WAITS = 10  # flow control "wait" in a row
 PADDING = 0xCC  # ISO 15765-2: unused bytes; this value causes few stuff bits

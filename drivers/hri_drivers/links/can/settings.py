@@ -7,7 +7,6 @@ from typing import Any, ClassVar, Self
 from can.typechecking import CanFilter
 from pydantic import Field, model_validator
 
-from hri_drivers.links.can.isotp import FLOW_CONTROL_NUMBER, ISOTP_NUMBER
 from hri_drivers.links.can.transport import check_interface, listen_only_options
 from hri_drivers.links.configured import ConfiguredLinkSettings
 from hri_drivers.links.slots import BULK
@@ -19,6 +18,8 @@ from hri_predict.base.settings import Settings
 from hri_predict.protocol.can import (
     CLASSIC_BYTES,
     DEFAULT_BASE_ID,
+    FLOW_CONTROL_NUMBER,
+    ISOTP_NUMBER,
     LAST_NUMBER,
     check_base_id,
 )
