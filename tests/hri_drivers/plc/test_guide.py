@@ -3,7 +3,8 @@
 import re
 from pathlib import Path
 
-from hri_predict.protocol.can import CanReceiver, CanSender
+from hri_predict.protocol.can import DEFAULT_BASE_ID, CanReceiver, CanSender
+from hri_predict.protocol.definition import DEFINITIONS
 from hri_predict.protocol.messages import Acknowledge, Advice, Level, RobotState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS
@@ -19,6 +20,18 @@ def printed(name: str) -> Unit:
     texts = [path.read_text(encoding="ascii") for path in SOURCES]
     blocks = re.findall(r"```iecst\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
     return load(*texts, *blocks)[name]
+
+
+def test_the_guide_lists_the_ids_of_the_definition() -> None:
+    text = GUIDE.read_text(encoding="utf-8")
+    for definition in DEFINITIONS:
+        if definition.classic:
+            first = f"0x{DEFAULT_BASE_ID + definition.number:X}"
+            assert re.search(rf"^\| {definition.name}\b[^|]*\| {first}\b", text, re.M), (
+                definition.name
+            )
+        for extra in definition.extra:
+            assert f"0x{DEFAULT_BASE_ID + extra.number:X} + 2r" in text
 
 
 def test_the_program_for_can_sends_state_and_acknowledge() -> None:

@@ -18,6 +18,7 @@ from hri_sim.replay import RecordingSettings, RecordingSource
 WRITTEN = dict.fromkeys(each.ending for each in BY_NAME.values())
 OF_ANY_JOINTS = [ending for ending in WRITTEN if ending != ".bvh"]
 """A BVH needs most joints of a body."""
+GUIDE = Path(__file__).resolve().parents[3] / "docs" / "guides" / "convert.md"
 
 TABLE = "time_s,person,waist_x,waist_y,waist_z,l_wrist_x,l_wrist_y,l_wrist_z\n" + "".join(
     f"{k / 50},{person},{k / 100},{person},1.0,0.3,{person},1.2\n"
@@ -198,6 +199,12 @@ def test_the_joints_that_were_written_are_counted(cli):
         status, out, _ = cli("odd.csv", output)
         assert status == 0
         assert out.endswith(f", {joints} joints\n"), output
+
+
+def test_the_guide_has_a_row_for_each_format():
+    table = GUIDE.read_text(encoding="utf-8").partition("| format |")[2].partition("\n\n")[0]
+    rows = [row.partition("|")[0] for row in table.split("\n| ")]
+    assert [ending for ending in WRITTEN if not any(f"`{ending}`" in row for row in rows)] == []
 
 
 def test_a_moved_floor_is_told(cli):
