@@ -62,9 +62,12 @@ def test_with_a_tick_for_each_capture_it_agrees_too(cell):
 def test_batched_and_single_forecasts_give_the_same_advice_in_each_mode(cell, monkeypatch):
     cell = Cell(cell.config.with_predictor("mixer", horizon_s=1.2))
     advices, record = [], _Watch.on_tick
-    monkeypatch.setattr(
-        _Watch, "on_tick", lambda self, tick: (record(self, tick), advices.extend(tick.advices))
-    )
+
+    def on_tick(self, tick):
+        record(self, tick)
+        advices.extend(tick.advices)
+
+    monkeypatch.setattr(_Watch, "on_tick", on_tick)
     logs = []
     for batch in (seen.BATCH, 1):
         monkeypatch.setattr(seen, "BATCH", batch)
