@@ -13,7 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.terminal_theme import SVG_EXPORT_THEME
 
-from hri_predict.cli.tryout.cell import Place, with_person
+from hri_predict.cli.tryout.command import Place, with_person
 from hri_predict.run.session import Options, run
 from hri_predict.viewing.feed import OPERATOR, VIEWER
 from hri_predict.viewing.fleet_feed import FLEET

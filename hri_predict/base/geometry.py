@@ -167,6 +167,18 @@ def _inverse(square: Floats) -> Floats:
     return np.where(square > _POINT_M2, 1.0 / np.maximum(square, _POINT_M2), 0.0)
 
 
+def rotation_of(quaternion: Sequence[float] | Floats) -> Floats:
+    """(3, 3) rotation of a unit quaternion x, y, z, w."""
+    x, y, z, w = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
 def transform(matrix: Floats, points: Floats) -> Floats:
     """Apply a (4, 4) transform to points (..., 3)."""
     result: Floats = points @ matrix[:3, :3].T + matrix[:3, 3]

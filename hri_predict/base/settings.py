@@ -28,7 +28,7 @@ from pydantic_core import CoreSchema, ErrorDetails
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError, expected_shape, nearest
-from hri_predict.base.geometry import crosses_itself, is_in_polygon
+from hri_predict.base.geometry import crosses_itself, is_in_polygon, rotation_of
 from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.base.quantities.units import meant, phrase, unit_at
 
@@ -175,13 +175,8 @@ class Pose(Settings):
 
     def matrix(self) -> Floats:
         """(4, 4) homogeneous transform."""
-        x, y, z, w = self.quaternion_xyzw
         transform = np.eye(4)
-        transform[:3, :3] = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
+        transform[:3, :3] = rotation_of(self.quaternion_xyzw)
         transform[:3, 3] = self.xyz
         return transform
 

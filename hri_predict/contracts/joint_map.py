@@ -317,12 +317,8 @@ def load_joint_map(name_or_path: str) -> JointMap:
             "joint map 'bvh' is built from a file's own joint names; give the BVH file as recording"
         )
     path = _find_map(name_or_path)
-    where = f"joint map {path}"
-    return _validated_map(read_yaml(path, "joint map"), where)
-
-
-def _validated_map(data: dict[str, Any], where: str) -> JointMap:
-    return validated(JointMapSettings, data, where).to_joint_map()
+    data = read_yaml(path, "joint map")
+    return validated(JointMapSettings, data, f"joint map {path}").to_joint_map()
 
 
 def _find_map(name_or_path: str) -> Path:

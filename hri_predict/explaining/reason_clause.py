@@ -142,12 +142,8 @@ def _needed(advice: Told) -> str:
 
 def _forecast(about: Situation) -> str:
     """Return the causes of zones larger than usual."""
-    there = _reasons(about)
+    there = [] if about.status is None else listed(about.status.data.get("reasons"))
     return "".join(f"; {reason_text(name)}" for name in there if name in _WIDEN_ZONES)
-
-
-def _reasons(about: Situation) -> list[str]:
-    return [] if about.status is None else listed(about.status.data.get("reasons"))
 
 
 def _lost(about: Situation) -> str:

@@ -132,11 +132,7 @@ def _standard(found: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _row(what: str, value: float | None) -> str:
-    return f"  {what:<58}{_right(value)}"
-
-
-def _right(value: float | None) -> str:
-    return f"{metres(value, 3):>9}"
+    return f"  {what:<58}{metres(value, 3):>9}"
 
 
 def _forecast(found: Mapping[str, Any] | None) -> Iterator[str]:

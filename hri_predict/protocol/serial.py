@@ -1,5 +1,7 @@
 """Convert messages to serial bytes and back: E2E profile 4, COBS framing, terminated by 0x00."""
 
+from collections.abc import Iterator
+
 from cobs import cobs
 
 from hri_predict.protocol.messages import Message
@@ -30,6 +32,43 @@ class SerialSender:
         return b"".join(cobs.encode(frame) + b"\0" for frame in self._frames.encode(message))
 
 
+class Delimited:
+    """Finds units in a stream of bytes; buffers at most one.
+
+    Args:
+        end: ends each unit.
+        longest: size in bytes; only the start of a longer unit is returned, one byte beyond this.
+    """
+
+    def __init__(self, end: bytes, longest: int) -> None:
+        self._end, self._longest = end, longest
+        self.reset()
+
+    def reset(self) -> None:
+        """Discard the current unit."""
+        self._buffer, self._skipping = b"", False
+
+    def feed(self, data: bytes) -> Iterator[bytes]:
+        """Take bytes as they arrive; yield the units that they complete, without empty ones."""
+        *ended, rest = data.split(self._end)
+        for piece in ended:
+            yield from self._keep(piece)
+            unit = self._buffer
+            self.reset()
+            if unit:
+                yield unit
+        yield from self._keep(rest)
+
+    def _keep(self, piece: bytes) -> Iterator[bytes]:
+        if self._skipping:
+            return
+        self._buffer += piece
+        if len(self._buffer) > self._longest:
+            start = self._buffer[: self._longest + 1]
+            self._buffer, self._skipping = b"", True
+            yield start
+
+
 class SerialReceiver:
     """Finds and decodes frames in a stream of bytes; it counts errors and continues.
 
@@ -42,8 +81,7 @@ class SerialReceiver:
 
     def __init__(self, *, with_items: bool = True) -> None:
         self._frames = Profile4Receiver(with_items=with_items)
-        self._buffer = b""
-        self._skipping = False
+        self._stream = Delimited(b"\0", MAX_ENCODED)
 
     @property
     def counters(self) -> ReceiveCounters:
@@ -62,31 +100,16 @@ class SerialReceiver:
     def reset(self) -> None:
         """Forget sequences and the current frame, as after a reconnection; keep the counters."""
         self._frames.reset()
-        self._buffer, self._skipping = b"", False
+        self._stream.reset()
 
     def feed(self, data: bytes) -> list[Message]:
         """Process received bytes; return the fresh messages that they complete, oldest first."""
-        messages: list[Message] = []
-        *ended, rest = data.split(b"\0")
-        for piece in ended:
-            self._keep(piece)
-            if self._buffer:
-                messages += self._frame(self._buffer)
-            self._buffer, self._skipping = b"", False
-        self._keep(rest)
-        return messages
-
-    def _keep(self, piece: bytes) -> None:
-        """Append to the current frame; discard a frame that becomes too long."""
-        if self._skipping:
-            return
-        if len(self._buffer) + len(piece) > MAX_ENCODED:
-            self.counters.malformed += 1
-            self._buffer, self._skipping = b"", True
-            return
-        self._buffer += piece
+        return [message for frame in self._stream.feed(data) for message in self._frame(frame)]
 
     def _frame(self, encoded: bytes) -> list[Message]:
+        if len(encoded) > MAX_ENCODED:
+            self.counters.malformed += 1
+            return []
         try:
             frame = cobs.decode(encoded)
         except cobs.DecodeError:

@@ -5,6 +5,9 @@ import errno
 import ipaddress
 import socket
 import sys
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
 
 from hri_predict.base.errors import SourceError
 
@@ -117,3 +120,19 @@ def _remedy(error: OSError) -> str:
     if error.errno == errno.ENODEV:
         return "no interface for this 'multicast_group'; set 'host' to the interface's address"
     return f"cannot be opened ({error.strerror}); check 'host' and 'port'"
+
+
+def _is_group(value: str | None) -> str | None:
+    try:
+        if value is None or ipaddress.IPv4Address(value).is_multicast:
+            return value
+    except ValueError:
+        pass
+    raise ValueError("must be an IPv4 multicast address, such as 239.255.0.1")
+
+
+MulticastGroup = Annotated[
+    str | None,
+    AfterValidator(_is_group),
+    Field(description="IPv4 address of a group to join"),
+]

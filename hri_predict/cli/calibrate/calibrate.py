@@ -1,7 +1,7 @@
 """``calibrate``: find or check the zone sizes that give the stated coverage."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -122,10 +122,25 @@ def calibrate(
         raise ConfigError(
             "--check: has no effect with --leave-out, which measures as well; give only one of them"
         )
+    given: dict[str, Any] = {
+        "--onto": onto,
+        "--report": report,
+        "--noise": with_noise or None,
+        "--calibration": calibration,
+        "--disturb": disturb or None,
+        "--card": card,
+        "--tracked": tracked,
+        "--jobs": jobs,
+        "--cluster": cluster,
+    }
+
+    def refuse(where: str, *flags: str) -> None:
+        without_effect({flag: given[flag] for flag in flags}, where)
+
+    made = out or Path(f"{predictor}.calibration.json")
     if check or leave_out:
         other = "with --check" if check else "with --leave-out"
-        measured = {"--noise": True if with_noise else None}
-        without_effect({"--onto": onto, "--report": report, **measured}, other)
+        refuse(other, "--onto", "--report", "--noise")
     if check:
         checking.check(
             settings=settings,
@@ -139,58 +154,24 @@ def calibrate(
         )
         return
     if leave_out:
-        without_effect(
-            {
-                "--calibration": calibration,
-                "--disturb": True if disturb else None,
-                "--card": card,
-                "--tracked": tracked,
-            },
-            "with --leave-out",
-        )
+        refuse("with --leave-out", "--calibration", "--disturb", "--card", "--tracked")
         making.leave_out(settings=settings, data=chosen, out=out, as_json=as_json)
         return
     if with_noise:
-        without_effect(
-            {
-                "--onto": onto,
-                "--report": report,
-                "--disturb": True if disturb else None,
-                "--card": card,
-                "--tracked": tracked,
-                "--jobs": jobs,
-                "--cluster": cluster,
-            },
-            "with --noise",
-        )
+        own = ("--onto", "--report", "--disturb", "--card", "--tracked", "--jobs", "--cluster")
+        refuse("with --noise", *own)
         making.add_noise(
-            settings=settings,
-            data=chosen,
-            path=calibration,
-            out=out or Path(f"{predictor}.calibration.json"),
-            as_json=as_json,
+            settings=settings, data=chosen, path=calibration, out=made, as_json=as_json
         )
         return
-    without_effect(
-        {"--calibration": calibration, "--disturb": True if disturb else None, "--card": card},
-        "without --check",
-    )
+    refuse("without --check", "--calibration", "--disturb", "--card")
     if onto is not None:
-        without_effect({"--tracked": tracked, "--jobs": jobs, "--cluster": cluster}, "with --onto")
+        refuse("with --onto", "--tracked", "--jobs", "--cluster")
         site.commission(
-            settings=settings,
-            data=chosen,
-            onto=onto,
-            out=out or Path(f"{predictor}.calibration.json"),
-            report=report,
-            as_json=as_json,
+            settings=settings, data=chosen, onto=onto, out=made, report=report, as_json=as_json
         )
         return
-    without_effect({"--report": report}, "without --onto")
+    refuse("without --onto", "--report")
     making.make(
-        settings=settings,
-        data=chosen,
-        tracked=tracked is not False,
-        out=out or Path(f"{predictor}.calibration.json"),
-        as_json=as_json,
+        settings=settings, data=chosen, tracked=tracked is not False, out=made, as_json=as_json
     )

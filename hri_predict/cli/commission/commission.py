@@ -209,7 +209,11 @@ def repeat_walk(path: Path, config: Path | None, as_json: bool) -> int:
     changed = differences(report.identity, identity_of(loaded))
     played = play(loaded, recording, grid_of(loaded, walk.grid.cell_m, walk.exclude))
     found = compare(walk, old, played)
-    found.worse += [_stale(each) for each in changed if _is_of_recording(each.key)]
+    found.worse += [
+        f"{each}: {_CANNOT_TELL}, recorded with the old value; walk again"
+        for each in changed
+        if _is_of_recording(each.key)
+    ]
     _show_again(loaded, changed, found, as_json)
     return 1 if found.worse or found.unwalked else 0
 
@@ -249,10 +253,6 @@ _CANNOT_TELL = "the recording cannot show this"
 def _is_of_recording(key: str) -> bool:
     plain = key.removeprefix("file of ").partition(" ")[0]
     return any(plain == own or plain.startswith(f"{own}.") for own in OF_THE_RECORDING)
-
-
-def _stale(change: Difference) -> str:
-    return f"{change}: {_CANNOT_TELL}, recorded with the old value; walk again"
 
 
 def _show_again(

@@ -137,7 +137,8 @@ def as_csv(result: BenchmarkResult) -> str:
     """One line per method, action and column of the tables."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["method", "action", "future_frame", "nominal_ms", f"error_{_unit(result)}"])
+    unit = result.protocol.unit.replace(" ", "_")
+    writer.writerow(["method", "action", "future_frame", "nominal_ms", f"error_{unit}"])
     for frames in result.protocol.readings:
         for action in (MEAN, *result.actions):
             for name, values in _rows(result, action, frames):
@@ -145,10 +146,6 @@ def as_csv(result: BenchmarkResult) -> str:
                     shown = "" if value is None else f"{value:.4f}"
                     writer.writerow([name, action, frame, nominal_ms(frame), shown])
     return out.getvalue()
-
-
-def _unit(result: BenchmarkResult) -> str:
-    return result.protocol.unit.replace(" ", "_")
 
 
 def write_report(result: BenchmarkResult, out: Path, command: str) -> list[Path]:

@@ -14,7 +14,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from hri_predict.operation.alerting.alert import AnyAlert, more, payload
+from hri_predict.operation.alerting.alert import AnyAlert, more, one_line, payload
 from hri_predict.operation.alerting.sender import (
     Answer,
     HookContext,
@@ -33,7 +33,6 @@ from hri_predict.operation.alerting.settings import (
     Text,
     is_loopback,
 )
-from hri_predict.operation.alerting.text import one_line
 
 Address = Annotated[
     str, Field(max_length=254, pattern=r"^[A-Za-z0-9.!#$%&'*+/=?^_`{|}~-]+@[A-Za-z0-9.-]+$")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.operation.alerting.alert import Alert, AnyAlert, ZoneAlert, payload
+from hri_predict.operation.alerting.alert import Alert, AnyAlert, ZoneAlert, payload, topic_level
 from hri_predict.operation.alerting.sender import (
     ANSWER_BYTES,
     HookContext,
@@ -36,7 +36,6 @@ from hri_predict.operation.alerting.settings import (
     Text,
     is_loopback,
 )
-from hri_predict.operation.alerting.text import topic_level
 
 if TYPE_CHECKING:
     from paho.mqtt.client import Client

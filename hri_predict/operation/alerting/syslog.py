@@ -13,7 +13,14 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from hri_predict.operation.alerting.alert import Alert, AnyAlert, ZoneAlert, more
+from hri_predict.operation.alerting.alert import (
+    Alert,
+    AnyAlert,
+    ZoneAlert,
+    ascii_word,
+    more,
+    one_line,
+)
 from hri_predict.operation.alerting.sender import (
     HookContext,
     Sender,
@@ -23,7 +30,6 @@ from hri_predict.operation.alerting.sender import (
     tls_context,
 )
 from hri_predict.operation.alerting.settings import CaFile, HookSettings, Host, is_loopback
-from hri_predict.operation.alerting.text import ascii_word, one_line
 
 _PORTS = {"udp": 514, "tcp": 601, "tls": 6514}
 _FACILITIES = {"user": 1, "daemon": 3, **{f"local{i}": 16 + i for i in range(8)}}

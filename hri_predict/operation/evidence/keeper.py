@@ -253,7 +253,8 @@ class Evidence(Items):
 
     def _ended(self, event: _Open) -> None:
         recorder, self._recorder = self._recorder, None
-        entry = self._entry(event)
+        entry = self._described(event.first, event.at)
+        entry |= {"also": event.also, "more": event.more}
         if recorder is not None:
             recorder.close()
             path = event.path
@@ -269,9 +270,6 @@ class Evidence(Items):
                 self.failures += 1
         self._append(entry)
         self._make_room()
-
-    def _entry(self, event: _Open) -> dict[str, Any]:
-        return {**self._described(event.first, event.at), "also": event.also, "more": event.more}
 
     def _described(self, event: Event, at: datetime) -> dict[str, Any]:
         advice, links = event.advice, self._links[event.robot]

@@ -125,7 +125,10 @@ class Figures(Listener):
             "hri_robot_level",
             "1 for the advised level.",
             [
-                (self._robot(a) | {"level": level.name.lower()}, level is self._level(a, is_well))
+                (
+                    self._robot(a) | {"level": level.name.lower()},
+                    level is (a.level if is_well else Level.UNKNOWN),
+                )
                 for a in tick.advices
                 for level in Level
             ],
@@ -213,9 +216,6 @@ class Figures(Listener):
 
     def _robot(self, advice: Advice) -> dict[str, str]:
         return {"robot": self._robots[advice.robot]}
-
-    def _level(self, advice: Advice, is_well: bool) -> Level:
-        return advice.level if is_well else Level.UNKNOWN
 
 
 _Values = Sequence[tuple[dict[str, str], float]]

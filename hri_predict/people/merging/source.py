@@ -8,8 +8,12 @@ merge does not wait for a silent sensor; the scene names it (``Scene.doubts``) a
 see the whole room.
 """
 
+import logging
 import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +28,6 @@ from hri_predict.contracts.source import (
     SourceSettings,
     live_part,
 )
-from hri_predict.people.merging.disagreement import Disagreement
-from hri_predict.people.merging.doubt_log import DoubtLog
 from hri_predict.people.merging.identities import Identities, OnePerson
 from hri_predict.people.merging.joints import leading, merged
 from hri_predict.people.merging.likeness import Seen
@@ -237,3 +239,106 @@ def _built(name: str, settings: SourceSettings, base_dir: Path | None) -> Source
     if settings.faults:
         return registry.load("faults", "source")(source, settings.faults, seed=0)
     return source
+
+
+log = logging.getLogger(__name__)
+
+EVERY_NS = 60_000_000_000
+"""Interval within which a doubt that starts again is only counted."""
+
+
+class DoubtLog:
+    """Logs each doubt when it starts, at most once a minute. One thread only.
+
+    The node's log limits lines by their message template, which all doubts share: without a limit
+    for each doubt, two sensors that alternately agree and disagree would hide that a third is
+    silent.
+    """
+
+    def __init__(self) -> None:
+        self._now: set[str] = set()
+        # doubt -> when it was logged, how often it began since
+        self._said: dict[str, list[int]] = {}
+
+    def note(self, doubts: Sequence[Doubt], time_ns: int) -> None:
+        """Log new doubts, counts at the end of their minute, and the end of all doubts."""
+        # without the centimetres, which change
+        now = {doubt.text.split(" are ")[0]: doubt.text for doubt in doubts}
+        for key, (said_ns, again) in list(self._said.items()):
+            if time_ns - said_ns >= EVERY_NS:
+                del self._said[key]
+                if again:
+                    log.warning("source 'merged': %s: %d more times within a minute", key, again)
+        for key in sorted(now.keys() - self._now):
+            if key in self._said:
+                self._said[key][1] += 1
+            else:
+                self._said[key] = [time_ns, 0]
+                log.warning("source 'merged': %s", now[key])
+        if self._now and not now:
+            log.info("source 'merged': all sensors are heard and agree")
+        self._now = set(now)
+
+
+REACH_M = 0.8
+"""Maximum distance between two bodies that are assumed to be one person."""
+WELL_JOINTS = 8
+"""Minimum number of joints seen by both: their centre is then accurate to about a centimetre."""
+SAMPLE_NS = 100_000_000
+PER_S = 10
+
+
+class Disagreement:
+    """Detects a moved sensor: two sensors see the same people in different places. One thread only.
+
+    If exactly one body of each of two sensors is within ``REACH_M`` of the other, both are assumed
+    here to be one person, whether merged or not. Between well-registered sensors, the centres of
+    their common joints are a few centimetres apart, because trackers place joints differently from
+    each side. A larger median over seconds is not noise: a sensor was moved or turned, or its pose
+    or latency is wrong. Which of the two is at fault cannot be determined.
+
+    Args:
+        moved_m, moved_s: see ``MergedSettings``.
+    """
+
+    def __init__(self, moved_m: float, moved_s: float) -> None:
+        self._moved_m = moved_m
+        self._count = round(moved_s * PER_S)
+        self._apart: dict[tuple[int, int], deque[float]] = {}
+        self._next_ns: int | None = None
+
+    def note(self, time_ns: int, bodies: Mapping[Seen, Body]) -> None:
+        """Add all bodies of one time; used at most ten times a second."""
+        if self._next_ns is not None and time_ns < self._next_ns:
+            return
+        self._next_ns = time_ns + SAMPLE_NS
+        whole = {s: b for s, b in bodies.items() if np.count_nonzero(b.observed) >= WELL_JOINTS}
+        for one, other in combinations(sorted({seen.sensor for seen in whole}), 2):
+            samples = self._apart.setdefault((one, other), deque(maxlen=self._count))
+            samples.extend(_apart_m(whole, one, other))
+
+    def apart_m(self) -> dict[tuple[int, int], float]:
+        """Pairs of sensors that disagree, with their distance in metres."""
+        found = {}
+        for pair, samples in self._apart.items():
+            if len(samples) == self._count:
+                median_m = float(np.median(samples))
+                if median_m > self._moved_m:
+                    found[pair] = median_m
+        return found
+
+
+def _apart_m(bodies: Mapping[Seen, Body], one: int, other: int) -> list[float]:
+    """Return the distances of the pairs of bodies that have no other body near them."""
+    ours = [body for seen, body in bodies.items() if seen.sensor == one]
+    theirs = [body for seen, body in bodies.items() if seen.sensor == other]
+    apart = np.full((len(ours), len(theirs)), np.inf)
+    for i, body in enumerate(ours):
+        for j, their in enumerate(theirs):
+            both = body.observed & their.observed
+            if np.count_nonzero(both) >= WELL_JOINTS:
+                between = (their.positions[both] - body.positions[both]).mean(axis=0)
+                apart[i, j] = float(np.linalg.norm(between))
+    near = apart <= REACH_M
+    alone = near & (near.sum(0) == 1) & (near.sum(1, keepdims=True) == 1)
+    return [float(metres) for metres in apart[alone]]

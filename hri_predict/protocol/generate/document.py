@@ -68,8 +68,9 @@ def _rows(definition: Definition, fields: tuple[Field, ...]) -> str:
             part = start // (8 * PART_BYTES)
             inside = start - 8 * PART_BYTES * part + 8 * e2e.PROFILE_2_HEADER
             place.append(f"part {part}, {_bytes(inside, f.bits)}")
+        kind = f"{'INT' if f.signed else 'UINT'}{f.bits}"
         step = f"{f.resolution:g} {f.unit}" if f.scale else ""
-        rows.append((f.signal, *place, _kind(f), step, _range(f), _absent(f), _text(f)))
+        rows.append((f.signal, *place, kind, step, _range(f), _absent(f), _text(f)))
         start += f.bits
     head = ["signal", "payload byte"] + (["classic frame"] if classic else [])
     return table([*head, "type", "step", "range", "not available", "meaning"], rows)
@@ -81,10 +82,6 @@ def _bytes(start: int, bits: int) -> str:
         inside = f"bits {start % 8}..{start % 8 + bits - 1}"
         return f"{first}..{last}, {inside}" if last > first else f"{first}, {inside}"
     return f"{first}..{last}" if last > first else f"{first}"
-
-
-def _kind(f: Field) -> str:
-    return f"{'INT' if f.signed else 'UINT'}{f.bits}"
 
 
 def _range(f: Field) -> str:

@@ -12,9 +12,8 @@ from hri_predict.protocol.generate import (
     c_header,
     dbc,
     document,
-    modbus,
-    opcua,
     plcopen,
+    register_tables,
     scl,
     st_messages,
     structured_text,
@@ -23,8 +22,8 @@ from hri_predict.protocol.generate import (
 COMMAND = "hri-predict protocol files"
 RENEWED: dict[str, Callable[[str], str]] = {
     "PROTOCOL.md": lambda text: blocks.renewed(text, document.BLOCKS, blocks.DOCUMENT),
-    "MODBUS.md": lambda text: blocks.renewed(text, modbus.BLOCKS, blocks.DOCUMENT),
-    "OPCUA.md": lambda text: blocks.renewed(text, opcua.BLOCKS, blocks.DOCUMENT),
+    "MODBUS.md": lambda text: blocks.renewed(text, register_tables.MODBUS, blocks.DOCUMENT),
+    "OPCUA.md": lambda text: blocks.renewed(text, register_tables.OPCUA, blocks.DOCUMENT),
     **dict.fromkeys(
         ("c/hri_predict.h", "c/hri_decode.c", "c/examples/decode.c"),
         lambda text: blocks.renewed(text, c_header.BLOCKS),

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import rotation_of
 from hri_predict.protocol.ros.stamps import stamp_ns
 
 MAX_FRAMES = 1000
@@ -296,12 +297,7 @@ def _between(before: Floats, after: Floats, share: float) -> Floats:
 
 
 def _matrix(pose: Floats) -> Floats:
-    x, y, z, w = pose[3:]
     matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
+    matrix[:3, :3] = rotation_of(pose[3:])
     matrix[:3, 3] = pose[:3]
     return matrix

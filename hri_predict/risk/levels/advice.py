@@ -13,14 +13,13 @@ from hri_predict.base.arrays import Ints
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.areas import NamedZone
+from hri_predict.risk.areas import NamedZone, NamedZoneSettings
 from hri_predict.risk.levels.demand import Demand, combined, demand_of
 from hri_predict.risk.levels.detail import detail_of
 from hri_predict.risk.levels.latches import LatchIds, causes_now, recall, remembered
 from hri_predict.risk.levels.machine import Advised, LevelMachine
 from hri_predict.risk.levels.modes import Decision, Modes, Situation
 from hri_predict.risk.levels.muted_time import MutedTime
-from hri_predict.risk.levels.named_zones import zone_demand
 from hri_predict.risk.levels.set_chooser import SetChooser
 from hri_predict.risk.levels.steady_reason import SteadyReason
 from hri_predict.risk.permitted import NEAR_M
@@ -356,3 +355,26 @@ def _reason(finding: Finding, bodies: BodyZones) -> Reason:
 def _wire_m(distance_m: float) -> float:
     """Return a distance for the wire: at least 0, and 0 if not finite."""
     return max(0.0, distance_m) if math.isfinite(distance_m) else 0.0
+
+
+_LEVELS = {"warn": Level.WARN, "slow": Level.SLOW, "stop": Level.STOP}
+
+
+def zone_demand(
+    zone: NamedZoneSettings, state: NamedZoneState, robot: str, max_speed_m_s: float
+) -> Demand:
+    """Return the demand of ``zone`` on ``robot`` in this state."""
+    asked = not zone.robots or robot in zone.robots
+    soon = state.entry_s is not None and state.entry_s <= zone.entry_warning_s
+    entering = soon and zone.entry_warning_s > 0
+    if zone.level == "none" or not asked or not (state.occupied or entering):
+        return Demand.nothing(max_speed_m_s)
+    level = _LEVELS[zone.level]
+    limit = {
+        Level.WARN: max_speed_m_s,
+        Level.SLOW: min(zone.speed_limit_m_s, max_speed_m_s),
+    }.get(level, 0.0)
+    reason = Reason.ZONE_OCCUPIED if state.occupied else Reason.ZONE_ENTRY_PREDICTED
+    return Demand(
+        level=level, release=level, limit_m_s=limit, release_limit_m_s=limit, reason=reason
+    )

@@ -19,7 +19,9 @@ from importlib import resources
 from typing import Any
 from urllib.parse import urlsplit
 
-from hri_predict.viewing.operator import looks
+from hri_predict.base.looks import LOOKS
+from hri_predict.operation.monitoring.fleet_levels import WORST_FIRST
+from hri_predict.protocol.messages import LEVELS, Level
 from hri_predict.viewing.operator.state import State
 from hri_predict.viewing.picture import read
 
@@ -38,9 +40,36 @@ SENDS_BYTES = 65_536
 MAX_BODY = 1024
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 _SHARED = ("common.js", "common.css", "looks.js", "looks.css")
-_MADE = {"looks.js": looks.script, "looks.css": looks.style}
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
 _POLICY += "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+
+
+_SLOWED = {level.name for level in LEVELS if level.rank >= Level.SLOW.rank}
+
+
+def looks_script() -> str:
+    """``LOOKS``: symbol, word, and whether the robot slows, by level, most urgent first."""
+    looks = {
+        name: {
+            "shape": LOOKS[name].shape,
+            "sign": LOOKS[name].sign,
+            "word": LOOKS[name].word,
+            "slows": name in _SLOWED,
+        }
+        for name in WORST_FIRST
+    }
+    return f'"use strict";\nconst LOOKS = {json.dumps(looks)};\n'
+
+
+def looks_style() -> str:
+    """Return the colours of each level, for elements of its class."""
+    colours = ((name, LOOKS[name]) for name in WORST_FIRST)
+    return "".join(
+        f".{name} {{ --field: {look.field}; --ink: {look.ink}; }}\n" for name, look in colours
+    )
+
+
+_MADE = {"looks.js": looks_script, "looks.css": looks_style}
 
 
 class Server(ThreadingHTTPServer):

@@ -12,8 +12,7 @@ import pytest
 from pydantic import ValidationError
 from zeroconf import ServiceInfo, Zeroconf
 
-from hri_drivers.sources.scene_json.json_source import JsonSettings, JsonSource
-from hri_drivers.sources.service_client import TCP_SOURCE
+from hri_drivers.sources.scene_json.json_source import TCP_SOURCE, JsonSettings, JsonSource
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import SourceError
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.commissioning.folder import page_of
 from hri_predict.commissioning.identity import File
-from hri_predict.commissioning.page import page_of
 from hri_predict.commissioning.report import (
     Curve,
     Echo,

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person
-from hri_predict.people.carried import LONGEST_S, PER_S, carry
+from hri_predict.people.inferring import LONGEST_S, PER_S, carry
 from hri_sim.people.body import Body
 
 _WHO = Body(1.75)

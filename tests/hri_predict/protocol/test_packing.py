@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.protocol.codec import Malformed, packer, unpacker
 from hri_predict.protocol.fields import Field
-from hri_predict.protocol.packing import Malformed, packer, unpacker
 
 
 class Colour(IntEnum):

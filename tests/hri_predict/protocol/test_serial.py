@@ -109,7 +109,7 @@ def test_a_receiver_survives_anything_and_keeps_little(chunks: list[bytes]) -> N
     receiver = SerialReceiver()
     for chunk in chunks:
         assert receiver.feed(chunk) == []
-        assert len(receiver._buffer) <= MAX_ENCODED
+        assert len(receiver._stream._buffer) <= MAX_ENCODED
 
 
 @given(st.binary(max_size=400))
@@ -181,7 +181,7 @@ def test_any_payload_under_a_right_crc_is_decoded_or_counted(number: int, payloa
 def test_a_frame_without_end_is_skipped_to_its_end() -> None:
     sender, receiver = SerialSender(), SerialReceiver()
     assert receiver.feed(b"\x55" * 100_000) == []
-    assert len(receiver._buffer) <= MAX_ENCODED
+    assert len(receiver._stream._buffer) <= MAX_ENCODED
     assert receiver.counters.malformed == 1
     assert ids(receiver.feed(b"\0" + sender.encode(advice(3)))) == [3]
 

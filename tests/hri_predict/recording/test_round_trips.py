@@ -16,7 +16,7 @@ from hri_predict.recording.converting import ERRORS, write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
 from hri_predict.recording.format_table import BY_NAME, FORMATS
 from hri_predict.recording.naming import map_of_names
-from hri_predict.recording.sniffing import HEAD_BYTES
+from hri_predict.recording.opening import HEAD_BYTES
 
 WRITTEN = [kind for kind in BY_NAME if kind != "bvh"]
 """BVH has its own tests: its bones are rigid, and its joints canonical."""

@@ -9,7 +9,7 @@ import pytest
 
 from hri_predict.base.errors import RecordingError
 from hri_predict.recording import open_recording
-from hri_predict.recording.sniffing import seems
+from hri_predict.recording.opening import seems
 
 HEADS = {
     b"\x89MCAP0\r\n\x01": ".mcap, MCAP",

@@ -3,7 +3,7 @@ import pytest
 
 from hri_predict.people.lost.free_space import CELL_M
 from hri_predict.viewing.room import room_of
-from hri_predict.viewing.unseen import UnseenFloor
+from hri_predict.viewing.scene3d.surroundings import UnseenFloor
 from tests.hri_predict.viewing.staged import cell
 
 

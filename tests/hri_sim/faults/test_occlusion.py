@@ -5,7 +5,7 @@ import pytest
 
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person
-from hri_sim.faults.occlusion import Occlusion
+from hri_sim.faults.injector import Occlusion
 from hri_sim.people.body import Body
 
 MS = 1_000_000

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from hri_drivers.sources.mocap.frames import Reader
-from hri_drivers.sources.natnet.reader import NatNetReader
-from hri_drivers.sources.qualisys.reader import QtmReader
-from hri_drivers.sources.rokoko.reader import RokokoReader
-from hri_drivers.sources.vmc.reader import VmcReader
-from hri_drivers.sources.zed_livelink.reader import ZedReader
+from hri_drivers.sources.natnet.source import NatNetReader
+from hri_drivers.sources.qualisys.source import QtmReader
+from hri_drivers.sources.rokoko.source import RokokoReader
+from hri_drivers.sources.vmc.source import VmcReader
+from hri_drivers.sources.zed_livelink.source import ZedReader
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.scene import Person, Scene

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.geometry import in_polygon
-from hri_sim.faults.occlusion import _crosses
+from hri_sim.faults.injector import _crosses
 from hri_sim.simulation.occluded import shadows_of
 
 ROOM_M = 5.0

@@ -5,8 +5,6 @@ from collections.abc import Callable
 import numpy as np
 
 from hri_drivers.sources.mocap.frames import Frame, FrameError, Reader
-from hri_drivers.sources.mocap.order import Order
-from hri_drivers.sources.mocap.rooted import Rooted
 from hri_drivers.sources.mocap.settings import MocapSettings
 from hri_drivers.sources.sent import SentPerson, SentScene
 from hri_predict.base.arrays import Floats
@@ -162,3 +160,120 @@ def _middle(person: SentPerson) -> Floats:
     """(3,) mean of the observed joints; at least one must be observed."""
     middle: Floats = person.positions[person.observed].mean(axis=0)
     return middle
+
+
+STILL = 30
+"""Number of captures in a row in which the body moves but its root is bit-identical."""
+
+
+class Rooted:
+    """Whether a person's root moves in the room.
+
+    Programs that track only limbs put the body at one place. While the body moves, a measured root
+    never keeps a bit-identical horizontal position. Captures without a measured root are skipped:
+    the comparison uses the measured roots before and after them.
+
+    Args:
+        root: index of the root joint of the body (the pelvis).
+        up: index of the vertical coordinate.
+
+    Attributes:
+        still: number of captures in a row in which the body moved and its root did not.
+    """
+
+    def __init__(self, root: int, up: int) -> None:
+        self._root = root
+        self._level = [axis for axis in range(3) if axis != up]
+        self.still = 0
+        self._newest: Floats | None = None
+        self._root_at: Floats | None = None
+        self._moved = False
+
+    def sees(self, person: SentPerson) -> bool:
+        """Process the next capture; return whether its position is credible."""
+        newest, self._newest = self._newest, person.positions
+        now = person.positions[self._root, self._level]
+        if not np.isfinite(now).all():
+            return self._moved
+        before, self._root_at = self._root_at, now
+        if newest is None or before is None:
+            return False
+        if not np.array_equal(before, now):
+            self._moved, self.still = True, 0
+        elif not np.array_equal(newest, person.positions, equal_nan=True):
+            self.still += 1
+            self._moved = self._moved and self.still < STILL
+        return self._moved
+
+
+LATE_NS = 500_000_000
+"""A stamp earlier by at most this arrived out of order; an even earlier stamp means a restart."""
+LATE_RUN = 10
+"""This many late captures in a row also mean a restart."""
+MAX_LOST = 100_000
+"""Maximum number of lost captures; a larger jump ahead means that the sender restarted."""
+LATE_NUMBERS = 30
+"""The equivalent of ``LATE_NS`` for capture numbers."""
+
+
+class Order:
+    """Orders the captures of one sender by their numbers, or else by their stamps.
+
+    Args:
+        counters: counts ``lost``, ``replayed`` and ``out_of_order``.
+
+    Attributes:
+        session: increases when the sender restarts.
+        sequence: number of the newest capture; increases by one, or by more if captures are lost.
+    """
+
+    def __init__(self, counters: SourceCounters) -> None:
+        self.session = 0
+        self.sequence = 0
+        self._counters = counters
+        self._stamp_ns: int | None = None
+        self._number: int | None = None
+        self._late = 0
+
+    def advances(self, stamp_ns: int, number: int | None) -> bool:
+        """Process the next capture; return whether to use it."""
+        if stamp_ns == self._stamp_ns:
+            self._repeats()
+            return False
+        if number is not None and self._number is not None:
+            used = self._counts(number - self._number)
+        else:
+            used = self._stamp_ns is None or self._follows(stamp_ns - self._stamp_ns, LATE_NS)
+        if used:
+            self.sequence += 1
+            self._late = 0
+            self._stamp_ns, self._number = stamp_ns, number
+        return used
+
+    def _counts(self, risen: int) -> bool:
+        if risen > MAX_LOST:
+            self.session += 1
+        elif self._follows(risen, LATE_NUMBERS):
+            lost = max(0, risen - 1)
+            self._counters.lost += lost
+            self.sequence += lost
+        else:
+            return False
+        return True
+
+    def _follows(self, risen: int, late: int) -> bool:
+        if risen > 0:
+            return True
+        if risen == 0:
+            self._repeats()
+            return False
+        self._late += 1
+        if -risen <= late and self._late < LATE_RUN:
+            self._counters.out_of_order += 1
+            return False
+        self.session += 1
+        return True
+
+    def _repeats(self) -> None:
+        self._counters.replayed += 1
+        self._counters.note("the sender's time does not advance; see 'stamp'")

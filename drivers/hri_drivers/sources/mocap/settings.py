@@ -5,8 +5,8 @@ from typing import ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from hri_drivers.sources.live import LiveSettings
-from hri_drivers.sources.multicast import MulticastGroup
 from hri_drivers.sources.tcp import ALLOW_UNAUTHENTICATED, check_exposure
+from hri_drivers.sources.udp_receiver import MulticastGroup
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 
 

@@ -38,6 +38,7 @@ from hri_predict.base.settings import Settings, validated
 from hri_predict.contracts.joint_map import METRES_PER_UNIT, axes_rotation
 from hri_predict.contracts.scene import MAX_ERROR_M
 from hri_predict.contracts.source import SourceCounters
+from hri_predict.protocol.serial import Delimited
 
 MOST_NAMED = 8
 """Maximum number of unknown joints that a message names."""
@@ -218,24 +219,10 @@ class LineSplitter:
     """
 
     def __init__(self) -> None:
-        self._buffer = b""
-        self._skipping = False
+        self._stream = Delimited(b"\n", MAX_BYTES)
 
     def feed(self, data: bytes) -> Iterator[bytes]:
         """Take bytes as they arrive; yield the lines that they complete, without empty ones."""
-        *ended, rest = data.split(b"\n")
-        for piece in ended:
-            yield from self._keep(piece)
-            line, self._buffer = self._buffer.strip(), b""
-            self._skipping = False
-            if line:
+        for line in self._stream.feed(data):
+            if line := line if len(line) > MAX_BYTES else line.strip():
                 yield line
-        yield from self._keep(rest)
-
-    def _keep(self, piece: bytes) -> Iterator[bytes]:
-        if self._skipping:
-            return
-        self._buffer += piece
-        if len(self._buffer) > MAX_BYTES:
-            yield self._buffer[: MAX_BYTES + 1]
-            self._buffer, self._skipping = b"", True

@@ -5,6 +5,7 @@ sequence lower than the previous one means that the sender restarted.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
@@ -14,9 +15,9 @@ from pydantic import Field, model_validator
 from hri_drivers.sources.live import LiveSettings, LiveSource, Receiver, sender_joints
 from hri_drivers.sources.scene_json.codec import LineSplitter, SceneJsonError, SceneReader
 from hri_drivers.sources.sent import SentScene
-from hri_drivers.sources.service_client import ServiceClient
 from hri_drivers.sources.tcp import (
     ALLOW_UNAUTHENTICATED,
+    Splitter,
     StreamClient,
     StreamServer,
     check_exposure,
@@ -25,7 +26,8 @@ from hri_predict.base.arrays import Floats
 from hri_predict.base.clock import Clock
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.contracts.source import SourceCounters
-from hri_predict.protocol.discovery.services import ServiceSettings
+from hri_predict.protocol.discovery.browser import find
+from hri_predict.protocol.discovery.services import SOURCES, ServiceSettings
 
 DEFAULT_PORT = 9871
 MAX_LOST = 100_000
@@ -159,3 +161,25 @@ class JsonSource(SceneJsonSource):
         if settings.service is not None:
             return ServiceClient(settings.service, LineSplitter)
         return StreamClient(settings.host, settings.port, LineSplitter)
+
+
+TCP_SOURCE = SOURCES[0]
+
+
+class ServiceClient(StreamClient):
+    """``StreamClient`` that searches for its sender at each opening."""
+
+    def __init__(self, service: ServiceSettings, splitter: Callable[[], Splitter]) -> None:
+        super().__init__("", 0, splitter)
+        self._service = service
+
+    def open(self) -> None:
+        """Search for the sender, then connect.
+
+        Raises:
+            DiscoveryError: no sender with that name answers.
+            SourceError: the sender refuses the connection.
+        """
+        self.close()
+        self._address = find(TCP_SOURCE, self._service)
+        super().open()

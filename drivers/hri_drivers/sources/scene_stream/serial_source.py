@@ -19,6 +19,7 @@ from hri_drivers.wires.serial import Parity, SerialTransport, StopBits, demand_s
 from hri_drivers.wires.usb_ports import UsbDevice
 from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.contracts.source import SourceCounters
+from hri_predict.protocol.serial import Delimited
 
 MAX_ENCODED = MAX_DATAGRAM + MAX_DATAGRAM // 254 + 1  # COBS adds one byte for each 254 begun
 
@@ -68,37 +69,22 @@ class FramedStream:
     def __init__(self, stream: SceneStream, counters: SourceCounters) -> None:
         self._stream = stream
         self._counters = counters
-        self._buffer = b""
-        self._skipping = False
+        self._frames = Delimited(b"\0", MAX_ENCODED)
 
     def reset(self) -> None:
         """Discard the current frame and scene."""
         self._stream.reset()
-        self._buffer, self._skipping = b"", False
+        self._frames.reset()
 
     def feed(self, data: bytes, received_ns: int) -> list[SentScene]:
         """Take bytes as they arrive; return the scenes that they complete."""
-        scenes: list[SentScene] = []
-        *ended, rest = data.split(b"\0")
-        for piece in ended:
-            self._keep(piece)
-            if self._buffer:
-                scenes += self._frame(self._buffer, received_ns)
-            self._buffer, self._skipping = b"", False
-        self._keep(rest)
-        return scenes
-
-    def _keep(self, piece: bytes) -> None:
-        """Add to the current frame; skip a frame that grows too long."""
-        if self._skipping:
-            return
-        if len(self._buffer) + len(piece) > MAX_ENCODED:
-            self._refuse(f"more than {MAX_ENCODED} bytes without an end of frame")
-            self._buffer, self._skipping = b"", True
-            return
-        self._buffer += piece
+        frames = self._frames.feed(data)
+        return [scene for frame in frames for scene in self._frame(frame, received_ns)]
 
     def _frame(self, encoded: bytes, received_ns: int) -> list[SentScene]:
+        if len(encoded) > MAX_ENCODED:
+            self._refuse(f"more than {MAX_ENCODED} bytes without an end of frame")
+            return []
         try:
             datagram = cobs.decode(encoded)
         except cobs.DecodeError:

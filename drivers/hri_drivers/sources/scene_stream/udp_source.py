@@ -9,10 +9,9 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from hri_drivers.sources.multicast import MulticastGroup
 from hri_drivers.sources.scene_stream.codec import MAX_DATAGRAM
 from hri_drivers.sources.scene_stream.stream_source import StreamSettings, StreamSource
-from hri_drivers.sources.udp_receiver import UdpReceiver, is_loopback
+from hri_drivers.sources.udp_receiver import MulticastGroup, UdpReceiver, is_loopback
 from hri_predict.base.quantities.safe_side import Safety, harmless
 
 DEFAULT_PORT = 47_800

@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterable, Mapping
 import numpy as np
 
 from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import rotation_of
 
 ROOT = "root"
 HIPS = "Hips"
@@ -76,12 +77,4 @@ def global_positions(root: Pose, bones: Mapping[str, Pose]) -> dict[str, Floats]
 def rotation(quaternion: Pose) -> Floats:
     """(3, 3) of a quaternion x, y, z, w of any length but zero."""
     length = math.hypot(*quaternion)
-    x, y, z, w = (each / length for each in quaternion)
-    turned: Floats = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return turned
+    return rotation_of([each / length for each in quaternion])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from hri_drivers.camera.network.description import Description
+from hri_drivers.camera.network.described import Description
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import validated
 from tests import pages

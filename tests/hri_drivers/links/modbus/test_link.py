@@ -14,8 +14,8 @@ import pytest
 from pydantic import ValidationError
 
 pytest.importorskip("pymodbus", reason="pymodbus is not installed: the link cannot be used")
-from hri_drivers.links.modbus.connections import MOST, MOST_UNREAD, Connection
 from hri_drivers.links.modbus.link import ModbusLink, ModbusLinkSettings
+from hri_drivers.links.modbus.server import MOST, MOST_UNREAD, Connection
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.settings import Pose

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_drivers.links.modbus_client.registers import number, words_of
+from hri_drivers.links.modbus_client.link import number, words_of
 
 TYPES = ("int16", "uint16", "int32", "uint32", "float32", "float64")
 

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from hri_drivers.sources.mocap.frames import Frame, FrameError
 from hri_drivers.sources.natnet import packets
-from hri_drivers.sources.natnet.reader import DAMAGED, NatNetReader
-from hri_drivers.sources.natnet.source import AXES
+from hri_drivers.sources.natnet.source import AXES, DAMAGED, NatNetReader
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import validated
 from hri_predict.contracts import registry

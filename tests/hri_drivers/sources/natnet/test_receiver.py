@@ -3,8 +3,8 @@
 import socket
 from types import SimpleNamespace
 
-from hri_drivers.sources.natnet import receiver as natnet
-from hri_drivers.sources.natnet.receiver import ASK_S, NEXT_S
+from hri_drivers.sources.natnet import source as natnet
+from hri_drivers.sources.natnet.source import ASK_S, NEXT_S
 
 
 def test_what_is_needed_next_is_asked_without_waiting(monkeypatch):

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from hri_drivers.sources.mocap.frames import Frame, FrameError
 from hri_drivers.sources.qualisys import packets
-from hri_drivers.sources.qualisys import reader as qualisys_reader
-from hri_drivers.sources.qualisys.reader import PARAMETERS, STREAM, VERSION, QtmReader
+from hri_drivers.sources.qualisys import source as qualisys_reader
+from hri_drivers.sources.qualisys.source import PARAMETERS, STREAM, VERSION, QtmReader
 from hri_predict.base.errors import ConfigError, SourceError
 from hri_predict.base.settings import validated
 from hri_predict.contracts import registry

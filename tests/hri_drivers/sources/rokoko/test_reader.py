@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.sources.mocap.frames import FrameError
-from hri_drivers.sources.rokoko import reader as rokoko_reader
-from hri_drivers.sources.rokoko.reader import LZ4_MAGIC, MAX_JSON, RokokoReader
+from hri_drivers.sources.rokoko import source as rokoko_reader
+from hri_drivers.sources.rokoko.source import LZ4_MAGIC, MAX_JSON, RokokoReader
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.source import SourceCounters
 from hri_sim.people.body import Body

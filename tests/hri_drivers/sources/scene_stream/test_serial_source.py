@@ -110,6 +110,6 @@ def test_a_frame_that_does_not_end_is_skipped_in_bounded_memory() -> None:
     receiver, counters = stream()
     for _ in range(1000):
         assert not receiver.feed(b"\x01" * 500, 0)
-    assert len(receiver._buffer) <= MAX_ENCODED
+    assert len(receiver._frames._buffer) <= MAX_ENCODED
     assert len(receiver.feed(b"\0" + sent(1), 0)) == 1
     assert counters.malformed == 1

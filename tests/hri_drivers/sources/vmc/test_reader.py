@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hri_drivers.sources.mocap.frames import Frame, FrameError
 from hri_drivers.sources.vmc.bones import global_positions
-from hri_drivers.sources.vmc.reader import VmcReader
+from hri_drivers.sources.vmc.source import VmcReader
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.source import SourceCounters

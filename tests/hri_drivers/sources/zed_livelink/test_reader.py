@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.sources.mocap.frames import Frame, FrameError
-from hri_drivers.sources.zed_livelink.reader import AXES, UNITS, ZedReader
+from hri_drivers.sources.zed_livelink.source import AXES, UNITS, ZedReader
 from hri_predict.contracts.joint_map import axes_rotation, load_joint_map
 from hri_predict.contracts.source import SourceCounters
 from hri_sim.people.body import Body

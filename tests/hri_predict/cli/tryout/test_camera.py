@@ -9,8 +9,8 @@ import threading
 import pytest
 
 from hri_predict.base.errors import SourceError
-from hri_predict.cli.tryout import camera as cameras
-from hri_predict.cli.tryout.camera import Camera
+from hri_predict.cli.tryout import command as cameras
+from hri_predict.cli.tryout.command import Camera
 
 SENDS = """
 import socket, sys

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli.tryout.cell import Place, place_of, with_camera, with_person
+from hri_predict.cli.tryout.command import Place, place_of, with_camera, with_person
 from hri_predict.run import config as configuration
 from hri_predict.run.assemble import build_source
 

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from hri_predict.base.errors import HriPredictError
 from hri_predict.cli.commands import app
-from hri_predict.cli.tryout import camera as cameras
 from hri_predict.cli.tryout import command
+from hri_predict.cli.tryout import command as cameras
 from tests.hri_predict.cli.tryout.test_camera import FAILS, SENDS, UNTIL_INPUT_ENDS
 
 pytest.importorskip("viser", reason="the extra viewer is not installed")

@@ -17,11 +17,11 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
 from hri_predict.base.skeleton import make_skeleton
 from hri_predict.cli import main
-from hri_predict.lab.training.building import build_network, open_samples
 from hri_predict.lab.training.config import TrainingConfig, load_training_config
 from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.parts import DATA_SETS
 from hri_predict.lab.training.processes import Processes
+from hri_predict.lab.training.runs import build_network, open_samples
 from hri_predict.lab.training.windows.motion import MotionSamples
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.operation.alerting.alert import ZoneAlert, payload
-from hri_predict.operation.alerting.outbox import Outbox
+from hri_predict.operation.alerting.hook import Outbox
 from hri_predict.operation.alerting.webhook import WebhookHook
 from tests.hri_predict.operation.alerting.servers import alert
 

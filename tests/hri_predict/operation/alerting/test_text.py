@@ -8,12 +8,17 @@ from email.parser import BytesParser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.operation.alerting.alert import ZoneAlert, payload
+from hri_predict.operation.alerting.alert import (
+    ZoneAlert,
+    ascii_word,
+    one_line,
+    payload,
+    topic_level,
+)
 from hri_predict.operation.alerting.mail import MailHook
 from hri_predict.operation.alerting.mail import message as letter
 from hri_predict.operation.alerting.syslog import MAX_OCTETS, SyslogHook
 from hri_predict.operation.alerting.syslog import message as syslog_message
-from hri_predict.operation.alerting.text import ascii_word, one_line, topic_level
 from tests.hri_predict.operation.alerting.servers import alert
 
 TEXTS = st.text(max_size=300) | st.sampled_from(

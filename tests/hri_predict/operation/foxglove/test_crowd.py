@@ -5,7 +5,7 @@ import socket
 
 import pytest
 
-from hri_predict.operation.foxglove.crowd import Crowd
+from hri_predict.operation.foxglove.live import Crowd
 
 
 @pytest.fixture

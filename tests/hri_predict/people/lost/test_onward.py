@@ -6,7 +6,7 @@ import pytest
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person
 from hri_predict.people.body.standing import standing_body
-from hri_predict.people.lost.onward import speeding
+from hri_predict.people.lost.lost_people import speeding
 
 J = len(JOINTS)
 ALL = np.ones(J, bool)

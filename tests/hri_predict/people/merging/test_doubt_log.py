@@ -3,7 +3,7 @@
 import logging
 
 from hri_predict.contracts.scene import Doubt
-from hri_predict.people.merging.doubt_log import EVERY_NS, DoubtLog
+from hri_predict.people.merging.source import EVERY_NS, DoubtLog
 from hri_predict.protocol.reasons import Reason
 
 APART = "sensors a and b are {} cm apart"

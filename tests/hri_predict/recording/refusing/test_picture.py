@@ -8,7 +8,7 @@ import pytest
 from hri_predict.base.errors import RecordingError
 from hri_predict.recording import open_recording
 from hri_predict.recording.plausibility import MOST_SCENES
-from hri_predict.recording.refusing.picture import check_not_picture
+from hri_predict.recording.refusing import check_not_picture
 from tests.hri_predict.recording.dumps import OPTICAL, mediapipe, of_tracker
 
 

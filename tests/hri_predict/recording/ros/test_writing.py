@@ -14,7 +14,7 @@ from hri_predict.recording import Recording, open_recording
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.cutting import between, of_person
 from hri_predict.recording.ros.about import ABOUT, MAX_BYTES, PEOPLE, STRING, is_in_room
-from hri_predict.recording.ros.outputs import full_speed
+from hri_predict.recording.ros.writing import full_speed
 
 pytest.importorskip("rosbags", reason="needs the extra bags")
 from rosbags.rosbag2 import Reader, StoragePlugin

@@ -3,8 +3,8 @@ import pytest
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZoneSettings
+from hri_predict.risk.levels.advice import zone_demand
 from hri_predict.risk.levels.demand import Demand
-from hri_predict.risk.levels.named_zones import zone_demand
 from hri_predict.risk.types import NamedZoneState
 
 SQUARE = [[1.0, -1.0], [3.0, -1.0], [3.0, 1.0], [1.0, 1.0]]

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
-from hri_predict.robots.urdf.capsule_fit import fit_capsule, needed_radius
+from hri_predict.robots.urdf.convert import fit_capsule, needed_radius
 
 SEEDS = st.integers(0, 2**32 - 1)
 

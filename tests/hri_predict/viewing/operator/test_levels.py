@@ -4,9 +4,9 @@ import json
 
 from hri_predict.operation.monitoring.fleet_levels import WORST_FIRST
 from hri_predict.protocol.messages import LEVELS, Level
-from hri_predict.viewing.operator.looks import script, style
+from hri_predict.viewing.operator.server import looks_script, looks_style
 
-TABLE = json.loads(script().partition("= ")[2].rstrip(";\n"))
+TABLE = json.loads(looks_script().partition("= ")[2].rstrip(";\n"))
 
 
 def test_the_page_of_cells_puts_the_most_urgent_first() -> None:
@@ -15,7 +15,7 @@ def test_the_page_of_cells_puts_the_most_urgent_first() -> None:
 
 def test_every_level_has_a_symbol_a_word_and_colours() -> None:
     assert all(look["shape"] and look["sign"] and look["word"] for look in TABLE.values())
-    assert all(f".{name} {{ --field: #" in style() for name in WORST_FIRST)
+    assert all(f".{name} {{ --field: #" in looks_style() for name in WORST_FIRST)
 
 
 def test_the_page_explains_every_level_that_slows_a_robot() -> None:

@@ -2,7 +2,7 @@ import pytest
 
 from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.loop import Epoch
-from hri_predict.lab.training.view import TrainingView
+from hri_predict.lab.training.runs import TrainingView
 
 
 @pytest.mark.parametrize(("limit", "left"), [(None, "30.0"), (15.0, "5.0"), (60.0, "30.0")])
