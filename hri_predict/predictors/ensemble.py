@@ -113,7 +113,8 @@ class AveragePredictor:
         Raises:
             PredictorError: a member's forecast is of the wrong shape or not finite.
         """
-        ahead, variance = [], 0.0
+        ahead: list[Floats] = []
+        variance: Floats | float = 0.0
         asked = [self._threads.submit(self._of, m, history, observed) for m in self.members]
         wait(asked)  # if one fails, the others must not still compute when they are asked again
         for forecast in (each.result() for each in asked):
