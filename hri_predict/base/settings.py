@@ -45,7 +45,11 @@ class Settings(BaseModel):
     safety: ClassVar[Safety] = {}
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        validate_default=True,
+        defer_build=True,  # a model within another one is built with it, and most are not used
     )
 
     @model_validator(mode="wrap")

@@ -288,7 +288,8 @@ def _quiet_collector(first: bool = True) -> Iterator[None]:
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     if first:
         settle()
-    gc.freeze()
+    else:
+        gc.freeze()
     try:
         yield
     finally:
