@@ -2,8 +2,6 @@
 
 import itertools
 import threading
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -138,12 +136,10 @@ REAL_TIME = ["serial pipe", "serial pty", "virtual", "virtual fd", "slcan", "slc
 VIRTUAL_TIME = ["serial pipe", "can pipe", "can pipe fd"]
 
 
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
-    """Wait for something that another thread does; the limit only ends a test that fails."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.005)
+def more(into: list[Any], new: list[Any]) -> list[Any]:
+    """``into`` with what is new."""
+    into += new
+    return into
 
 
 def take_into(received: list[Any], link: Any) -> int:

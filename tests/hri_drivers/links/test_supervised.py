@@ -27,12 +27,12 @@ from tests.hri_drivers.links.pairs import (
     Pair,
     Peer,
     advice,
-    eventually,
     make,
     robot_state,
     take_into,
     zone,
 )
+from tests.waiting import eventually
 
 
 @pytest.fixture(params=REAL_TIME)

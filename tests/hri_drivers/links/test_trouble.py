@@ -2,8 +2,6 @@
 
 import itertools
 import threading
-import time
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -23,6 +21,7 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
+from tests.waiting import eventually
 
 STATUS = Status(node_state=NodeState.RUNNING, reason=Reason.NONE, people=1, predictor=0, cycle=7)
 
@@ -37,14 +36,6 @@ def zone() -> Zone:
 
 def byte_pipe() -> tuple[PipeEnd[bytes], PipeEnd[bytes]]:
     return pipe()
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
-    """Wait for something that another thread does; the limit only ends a test that fails."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.005)
 
 
 class Unreliable:

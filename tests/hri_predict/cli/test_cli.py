@@ -2,7 +2,6 @@
 
 import copy
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 import yaml
 
 from hri_predict.base.files import data_path
-from hri_predict.cli import main, run
+from hri_predict.cli import run
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 DEMO = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
@@ -22,20 +21,6 @@ COMMANDS = [
     "urdf", "ablate", "card", "protocol files", "protocol dbc",
     "protocol document", "protocol c-header",
 ]  # fmt: skip
-
-
-@pytest.fixture
-def cli(monkeypatch, capsys):
-    """Run a command line; gives exit status, standard output, standard error."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return ended.value.code or 0, captured.out, captured.err
-
-    return call
 
 
 @pytest.fixture

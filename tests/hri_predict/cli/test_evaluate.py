@@ -3,7 +3,7 @@
 import csv
 import json
 import os
-import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,6 @@ import pytest
 import torch
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli import main
 from hri_predict.cli.common import files, recordings
 from hri_predict.lab.datasets.cmu_benchmark import MEAN_OVER
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38
@@ -23,17 +22,9 @@ SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 
 @pytest.fixture
-def cli(monkeypatch, capsys):
-    """Run a command line; gives exit status, standard output, standard error."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", "evaluate", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return ended.value.code or 0, captured.out, captured.err
-
-    return call
+def cli(cli):
+    """Run the command; gives exit status, standard output, standard error."""
+    return partial(cli, "evaluate")
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.keyed import Keyed, KeyedSender
 from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
 from hri_predict.protocol.reasons import Reason
+from tests.waiting import free_port
 
 PATIENCE_S = 90.0  # of a test that fails; a loaded machine takes its time to start seven processes
 
@@ -131,12 +132,6 @@ def speaks(cell: dict[str, Any] | None) -> bool:
 def is_silent(cell: dict[str, Any]) -> bool:
     assert [r["level"] for r in cell["robots"]] == ["silent"] or cell["state"] != "silent"
     return bool(cell["state"] == "silent" and cell["people"] is None)
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def command(*arguments: str) -> "subprocess.Popen[str]":

@@ -21,7 +21,7 @@ from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
 from hri_predict.protocol.reasons import Reason
 from tests.browser import CHROMIUM, Browser, wait_for
-from tests.hri_predict.cli.test_fleet import free_port
+from tests.waiting import free_port
 
 WORDS = "[...document.querySelectorAll('.tile .word')].map(word => word.textContent).join()"
 

@@ -37,7 +37,8 @@ from hri_predict.protocol.messages import (
 from hri_predict.protocol.profile4 import MAX_WHOLE, Profile4Receiver, Profile4Sender
 from hri_predict.protocol.reasons import Reason
 from hri_sim.wires.slcan_adapter import SlcanAdapter, open_pty
-from tests.hri_drivers.links.can.can_pairs import connected, eventually
+from tests.hri_drivers.links.can.can_pairs import connected
+from tests.waiting import eventually
 
 OWN, PEER = 0x6C6, 0x6C7
 GO_ON = CanFrame(PEER, b"\x30\x00\x00")

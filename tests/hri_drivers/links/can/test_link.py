@@ -7,8 +7,6 @@ import os
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,28 +19,13 @@ from hri_drivers.wires.transport import TransportBusy
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
-from hri_predict.protocol.messages import Acknowledge, Advice, Level
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.messages import Acknowledge
 from hri_sim.wires.slcan_adapter import SlcanAdapter, open_pty
+from tests.hri_drivers.links.pairs import advice, more
+from tests.waiting import eventually
 
 TALK = Path(__file__).with_name("dbc_talk.py")
 FAST = {"sleep_after_open": 0}
-
-
-def advice(latch_id: int) -> Advice:
-    return Advice(robot=0, level=Level.STOP, reason=Reason.PERSON_NEAR, latch_id=latch_id)
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.005)
-
-
-def more(into: list[Any], new: list[Any]) -> list[Any]:
-    into += new
-    return into
 
 
 class Controller:

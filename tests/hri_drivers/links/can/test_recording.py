@@ -29,7 +29,8 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.protocol.reasons import Reason
 from hri_sim.wires.slcan_adapter import SlcanAdapter, open_pty
-from tests.hri_drivers.links.can.can_pairs import CHANNELS, Controller, connected, eventually
+from tests.hri_drivers.links.can.can_pairs import CHANNELS, Controller, connected
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.realtime
 FORMATS = [".blf", ".log"]  # Vector's binary log, and can-utils' candump

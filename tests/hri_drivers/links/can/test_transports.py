@@ -26,8 +26,9 @@ from hri_predict.protocol.messages import (
     ZoneCapsule,
 )
 from hri_predict.protocol.reasons import Reason
-from tests.hri_drivers.links.can.can_pairs import connected, eventually
+from tests.hri_drivers.links.can.can_pairs import connected
 from tests.hri_drivers.links.can.test_udp_multicast_fd import in_namespace, why_not
+from tests.waiting import eventually
 
 IN_NAMESPACE = "HRI_UDP_MULTICAST" in os.environ
 INTERFACES = ["udp_multicast"] if IN_NAMESPACE else ["virtual", "slcan"]

@@ -24,10 +24,10 @@ from hri_drivers.links.can.transport import CanTransport
 from hri_predict.base.clock import MonotonicClock, VirtualClock
 from hri_predict.base.errors import LinkError
 from hri_predict.protocol.can import CanSender
-from hri_predict.protocol.messages import Acknowledge, Advice, Level
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.messages import Acknowledge
 from hri_sim.faults.link_faults import FaultyTransport
-from tests.hri_drivers.links.can.can_pairs import eventually
+from tests.hri_drivers.links.pairs import advice, more
+from tests.waiting import eventually
 
 PASSIVE = can.Message(
     is_error_frame=True, arbitration_id=0x004, is_extended_id=False, data=b"\0\x20\0\0\0\0\x80\0"
@@ -112,15 +112,6 @@ def started(**more: Any):
         yield link
     finally:
         link.stop()
-
-
-def advice(latch_id: int) -> Advice:
-    return Advice(robot=0, level=Level.STOP, reason=Reason.PERSON_NEAR, latch_id=latch_id)
-
-
-def more(into: list[Any], new: list[Any]) -> list[Any]:
-    into += new
-    return into
 
 
 def hear(kernel: Kernel, message: Any) -> None:

@@ -41,7 +41,7 @@ from hri_predict.protocol.registers import (
 from hri_predict.protocol.wire import StateShape
 from hri_predict.robots.settings import RobotSettings
 from tests.hri_drivers.links.plant.test_codec import ADVICE, STATUS, ZONE, state_words
-from tests.hri_drivers.links.rtde.rtde_robot import eventually
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.realtime
 CLEAR = Advice(

@@ -23,7 +23,7 @@ from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import Acknowledge, Advice, Level, SetChoice
 from hri_predict.protocol.reasons import Reason
 from tests.hri_drivers.links.plant.test_codec import STATUS
-from tests.hri_drivers.links.rtde.rtde_robot import eventually
+from tests.waiting import eventually
 
 CLEAR = Advice(
     robot=0, level=Level.CLEAR, reason=Reason.NONE, speed_limit_m_s=0.8, age_s=0.05, latch_id=77

@@ -25,6 +25,7 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.protocol.reasons import Reason
 from tests.hri_drivers.links.ros2.programs import ADVISOR, FOLLOWER, LISTENER, Program
+from tests.waiting import eventually
 
 pytest.importorskip("rclpy", reason="needs the extra ros2, or a sourced ROS 2 installation")
 pytestmark = [pytest.mark.long, pytest.mark.realtime]
@@ -47,15 +48,6 @@ ALL = (
     "/hri/frames", "/hri/robot_0/speed_fraction", "/hri/robot_0/speed_ovr", "/hri/robot_0/advice",
     "/diagnostics", "/hri/zones", "/hri/forecast_markers", "/hri/forecast",
 )  # fmt: skip
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> Any:
-    """Wait for something that another process does; the limit only ends a test that fails."""
-    deadline = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.01)
-    return found
 
 
 @pytest.fixture

@@ -2,8 +2,6 @@
 
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,30 +14,15 @@ from hri_drivers.wires.serial import SerialTransport
 from hri_drivers.wires.transport import TransportBusy
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import ConfigError, LinkError
-from hri_predict.protocol.messages import Acknowledge, Advice, Level
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.messages import Acknowledge
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
 from hri_sim.wires.pty import PtyTransport, open_pty
-
-
-def advice(latch_id: int) -> Advice:
-    return Advice(robot=0, level=Level.STOP, reason=Reason.PERSON_NEAR, latch_id=latch_id)
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.005)
+from tests.hri_drivers.links.pairs import advice, more
+from tests.waiting import eventually
 
 
 def link_on(port: str) -> SerialLink:
     return SerialLink(SerialLinkSettings(name="cell", port=port), MonotonicClock())
-
-
-def more(into: list[Any], new: list[Any]) -> list[Any]:
-    into += new
-    return into
 
 
 def more_from(into: list[Any], link: SerialLink) -> list[Any]:

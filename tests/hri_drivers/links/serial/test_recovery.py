@@ -2,8 +2,6 @@
 
 import contextlib
 import os
-import time
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -14,21 +12,11 @@ from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_drivers.wires.serial import SerialTransport
 from hri_drivers.wires.usb_ports import UsbDevice
 from hri_predict.base.clock import MonotonicClock
-from hri_predict.protocol.messages import Advice, Level, Schema
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.messages import Schema
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
 from hri_sim.wires.pty import PtyTransport, open_pty
-
-
-def advice(latch_id: int) -> Advice:
-    return Advice(robot=0, level=Level.STOP, reason=Reason.PERSON_NEAR, latch_id=latch_id)
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.005)
+from tests.hri_drivers.links.pairs import advice
+from tests.waiting import eventually
 
 
 class Adapter:

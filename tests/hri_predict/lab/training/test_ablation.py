@@ -1,20 +1,19 @@
 """The ablation leaves out one augmentation at a time, trains for real, and does nothing twice."""
 
 import signal
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from hri_predict import cli
 from hri_predict.base.errors import ConfigError
 from hri_predict.lab.training import ablation, paper_ablation
 from hri_predict.lab.training.config import load_training_config
 from hri_predict.lab.training.windows.augment import AugmentSettings
 from hri_predict.lab.training.windows.motion import DataSettings, MotionSamples
 from hri_predict.predictors.neural.network import network_class_of
+from tests.commands import status_of
 
 SHARED = Path(__file__).resolve().parents[4].parent / "shared" / "data"
 
@@ -44,16 +43,13 @@ def config(tmp_path) -> Path:
 
 
 @pytest.fixture
-def ablate(config, tmp_path, monkeypatch):
+def ablate(config, tmp_path):
     """Run ``hri-predict ablate`` with some changes; gives its exit status."""
 
     def call(*changes, out=tmp_path / "runs", config=config, data=tmp_path):
         given = ["ablate", config, "--data", data, "--out", out]
         given += [word for change in changes for word in ("--set", change)]
-        monkeypatch.setattr(sys, "argv", ["hri-predict", *map(str, given)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        return ended.value.code
+        return status_of(*given)
 
     return call
 

@@ -25,7 +25,7 @@ from hri_predict.operation.service.server import CONNECTIONS, KEEP_S, MetricsSer
 from hri_predict.operation.service.settings import MetricsSettings
 from hri_predict.protocol.messages import Advice, Level, NodeState, Status
 from hri_predict.protocol.reasons import Reason
-from tests.hri_predict.operation.service.cells import free_port
+from tests.waiting import free_port
 
 DASHBOARD = data_path("service", "grafana.json")
 

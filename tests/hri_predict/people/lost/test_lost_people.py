@@ -5,23 +5,15 @@ import pytest
 
 from hri_predict.base.settings import Region
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.contracts.scene import Person
 from hri_predict.people.lost.lost_people import match_places
 from hri_predict.protocol.reasons import Reason
+from tests.hri_predict.people.figures import ALL, DOOR, SHAPE, J, body
 
 MS = 1_000_000
 RATE = 25.0
 PERIOD = 40 * MS
 LONG_SCENES = 75  # 3 s
-J = len(JOINTS)
 T = 10
-SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))
-ALL = np.ones(J, bool)
-DOOR = Region(polygon=[[4.0, -1.0], [6.0, -1.0], [6.0, 1.0], [4.0, 1.0]])
-
-
-def body(person_id, x, y=0.0, observed=ALL):
-    return Person(person_id, SHAPE + np.array([x, y, 0.0]), observed)
 
 
 def lost_ids(snapshot):
