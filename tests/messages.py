@@ -13,8 +13,8 @@ def make_advice(level: Level, reason: Reason = Reason.NONE, robot: int = 0, **mo
 
 def make_status(people: int = 0, cycle: int = 1, **more: Any) -> Status:
     """The status of a node that runs, if nothing else is said."""
-    running = {"node_state": NodeState.RUNNING, "reason": Reason.NONE, "predictor": 0}
-    return Status(**(running | more), people=people, cycle=cycle)  # type: ignore[arg-type]
+    running: dict[str, Any] = {"node_state": NodeState.RUNNING, "reason": Reason.NONE}
+    return Status(**(running | {"predictor": 0} | more), people=people, cycle=cycle)
 
 
 def make_state(
@@ -25,12 +25,6 @@ def make_state(
     **more: Any,
 ) -> RobotState:
     """The state of a robot in automatic mode, if no other is said; without velocities it stands."""
-    if velocities is None:
-        velocities = (0.0,) * len(positions)
-    return RobotState(
-        **({"mode": RobotMode.AUTOMATIC} | more),
-        robot=robot,
-        counter=counter,
-        positions=positions,
-        velocities=velocities,
-    )
+    said: dict[str, Any] = {"mode": RobotMode.AUTOMATIC, "robot": robot, "counter": counter}
+    said["velocities"] = (0.0,) * len(positions) if velocities is None else velocities
+    return RobotState(positions=positions, **(said | more))

@@ -10,22 +10,18 @@ import pytest
 
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_predict.base.clock import MonotonicClock
-from hri_predict.protocol.messages import Acknowledge, Advice, Level, RobotState
+from hri_predict.protocol.messages import Acknowledge, Level, RobotState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS
 from tests.hri_drivers.plc.conftest import everything
 from tests.hri_drivers.plc.test_hri_send import STILL, inputs, line, outputs, sender
+from tests.messages import make_advice
 from tests.waiting import eventually
 
 pytestmark = pytest.mark.realtime
 PATIENCE_S = 30.0
-SLOW = Advice(
-    robot=0,
-    level=Level.SLOW,
-    reason=Reason.PERSON_APPROACHING,
-    latch_id=9,
-    speed_limit_m_s=0.75,
-    age_s=0.02,
+SLOW = make_advice(
+    Level.SLOW, Reason.PERSON_APPROACHING, latch_id=9, speed_limit_m_s=0.75, age_s=0.02
 )
 
 

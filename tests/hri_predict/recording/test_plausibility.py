@@ -13,8 +13,8 @@ from hri_predict.recording.opening import opened
 from hri_sim.people.body import Body
 from hri_sim.replay import RecordingSettings, RecordingSource
 from tests.commands import status_of
+from tests.shared import DATA
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 _WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([2.0, 0.3]), 0.4))
 LYING = (BODY - BODY[0]) @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]).T + [2.0, 0.3, 0.2]

@@ -19,6 +19,7 @@ from hri_predict.recording.opening import open_recording, opened
 from hri_predict.recording.recording import Recording
 from hri_sim.people.body import Body
 from tests.commands import status_of
+from tests.hri_predict.recording.made import of_scenes
 
 _WHO = Body(1.75)
 TRUE = np.array([_WHO.joints(_WHO.standing(np.array([0.02 * k, 0.1]), 0.0)) for k in range(20)])
@@ -33,14 +34,7 @@ def recorded(positions) -> Recording:
         Scene(round(k * 1e9 / 30), k, True, (Person(1, p, np.ones(len(JOINTS), bool)),))
         for k, p in enumerate(positions)
     ]
-    return Recording(
-        path=Path("x"),
-        kind="csv",
-        joint_map=map_of_names(JOINTS),
-        rate_hz=30.0,
-        scenes=scenes,
-        arrival_ns=[scene.stamp_ns for scene in scenes],
-    )
+    return of_scenes(scenes, map_of_names(JOINTS), 30.0)
 
 
 def written(folder: Path, kind: str, positions) -> Path:

@@ -13,10 +13,10 @@ import yaml
 from hri_predict.base.arrays import Floats
 from hri_predict.base.files import data_path
 from hri_predict.base.geometry import Capsules, capsule_distance, segment_distance
-from hri_predict.base.settings import Pose
 from hri_predict.cli.check.check import examine
-from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
+from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.run import config as configuration
+from tests.arms import arm_settings
 
 ROBOTS: dict[str, dict[str, Any]] = {
     name: yaml.safe_load(data_path("robots", f"{name}.yaml").read_text())
@@ -25,9 +25,7 @@ ROBOTS: dict[str, dict[str, Any]] = {
 
 
 def arm(name: str) -> RobotModel:
-    settings = RobotSettings(
-        name="arm", model=name, room_from_robot=Pose(), payload_kg=2.0, max_speed_m_s=1.0
-    )
+    settings = arm_settings(name, payload_kg=2.0)
     return load_robot(settings, None)
 
 

@@ -13,52 +13,30 @@ from hypothesis import strategies as st
 from hri_predict.base.arrays import Floats
 from hri_predict.base.files import data_path
 from hri_predict.base.geometry import Capsules, capsule_distance
-from hri_predict.base.settings import Pose
-from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
+from hri_predict.robots.model import RobotModel, load_robot
+from tests.arms import arm_settings
 
 HALF = np.pi / 2
 UR_ALPHA = (HALF, 0, 0, HALF, -HALF, 0)
+Rows = list[tuple[float, float, float]]
 IIWA_ALPHA = (-HALF, HALF, HALF, -HALF, -HALF, HALF, 0)
+
+
+def ur(a2: float, a3: float, d1: float, d4: float, d5: float, d6: float) -> Rows:
+    return list(zip((0, a2, a3, 0, 0, 0), UR_ALPHA, (d1, 0, 0, d4, d5, d6), strict=True))
+
 
 # Rows of Denavit and Hartenberg, classic: a, alpha, d. The iiwas' files have origins
 # instead, with upright frames; the table of the Panda and FR3 is Craig's, modified.
-CLASSIC: dict[str, list[tuple[float, float, float]]] = {
-    "ur5": list(
-        zip(
-            (0, -0.425, -0.39225, 0, 0, 0),
-            UR_ALPHA,
-            (0.089159, 0, 0, 0.10915, 0.09465, 0.0823),
-            strict=True,
-        )
-    ),
-    "ur10e": list(  # Universal Robots, article 45257
-        zip(
-            (0, -0.6127, -0.57155, 0, 0, 0),
-            UR_ALPHA,
-            (0.1807, 0, 0, 0.17415, 0.11985, 0.11655),
-            strict=True,
-        )
-    ),
-    "ur3e": list(
-        zip(
-            (0, -0.24355, -0.2132, 0, 0, 0),
-            UR_ALPHA,
-            (0.15185, 0, 0, 0.13105, 0.08535, 0.0921),
-            strict=True,
-        )
-    ),
-    "ur20": list(
-        zip(
-            (0, -0.8620, -0.7287, 0, 0, 0),
-            UR_ALPHA,
-            (0.2363, 0, 0, 0.2010, 0.1593, 0.1543),
-            strict=True,
-        )
-    ),
+CLASSIC: dict[str, Rows] = {
+    "ur3e": ur(-0.24355, -0.2132, 0.15185, 0.13105, 0.08535, 0.0921),
+    "ur5": ur(-0.425, -0.39225, 0.089159, 0.10915, 0.09465, 0.0823),
+    "ur10e": ur(-0.6127, -0.57155, 0.1807, 0.17415, 0.11985, 0.11655),  # their article 45257
+    "ur20": ur(-0.8620, -0.7287, 0.2363, 0.2010, 0.1593, 0.1543),
     "iiwa14_r820": list(zip((0,) * 7, IIWA_ALPHA, (0.36, 0, 0.42, 0, 0.4, 0, 0.126), strict=True)),
     "iiwa7_r800": list(zip((0,) * 7, IIWA_ALPHA, (0.34, 0, 0.4, 0, 0.4, 0, 0.126), strict=True)),
 }
-FRANKA: list[tuple[float, float, float]] = [
+FRANKA: Rows = [
     (0, 0, 0.333),
     (0, -HALF, 0),
     (0, HALF, 0.316),
@@ -82,13 +60,7 @@ LIMITS = {
 
 def arm(name: str, payload_kg: float | None = None) -> RobotModel:
     return load_robot(
-        RobotSettings(
-            name="arm",
-            model=name,
-            room_from_robot=Pose(),
-            payload_kg=payload_kg,
-            max_speed_m_s=1.0,
-        ),
+        arm_settings(name, payload_kg=payload_kg),
         None,
     )
 

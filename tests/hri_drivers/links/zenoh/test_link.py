@@ -24,19 +24,16 @@ from hri_predict.protocol.messages import (
     Level,
     Message,
     NodeState,
-    RobotMode,
-    RobotState,
     Schema,
     Status,
 )
 from hri_predict.protocol.reasons import Reason
 from hri_sim.faults.link_faults import FaultyTransport
+from tests.messages import make_state
 from tests.waiting import eventually, free_port
 
 STATUS = Status(node_state=NodeState.RUNNING, reason=Reason.NONE, people=1, predictor=0, cycle=7)
-STATE = RobotState(
-    robot=0, mode=RobotMode.AUTOMATIC, counter=4711, positions=(0.5,) * 6, velocities=(0.0,) * 6
-)
+STATE = make_state((0.5,) * 6, counter=4711)
 
 
 def posted_until(link: ZenohLink, message: Message, condition: Callable[[], Any]) -> None:

@@ -14,8 +14,7 @@ from hri_predict.lab.training.windows.augment import AugmentSettings
 from hri_predict.lab.training.windows.motion import DataSettings, MotionSamples
 from hri_predict.predictors.neural.network import network_class_of
 from tests.commands import status_of
-
-SHARED = Path(__file__).resolve().parents[4].parent / "shared" / "data"
+from tests.shared import DATA
 
 
 @pytest.fixture
@@ -171,11 +170,11 @@ def test_every_row_of_a_paper_is_another_network(paper):
 
 @pytest.mark.long
 def test_a_paper_s_rows_are_trained_and_shown_with_its_figures(ablate, tmp_path, capsys):
-    if not SHARED.exists():
+    if not DATA.exists():
         pytest.skip("needs the data pack")
     smaller = ["train.epochs=1", "train.windows_per_epoch=16", "train.batch=8", "options.width=8"]
     out = tmp_path / "runs"
-    assert ablate(*smaller, out=out, config="stb", data=SHARED) == 0
+    assert ablate(*smaller, out=out, config="stb", data=DATA) == 0
     text = capsys.readouterr().out
     assert text == (out / "ablation.md").read_text()
     assert [line.split(" | ")[-1] for line in text.splitlines()[4:]] == [
