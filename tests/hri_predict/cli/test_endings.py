@@ -7,9 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 
-from hri_predict.base.files import data_path
 from hri_predict.cli import commands, main, run
 from hri_predict.operation.monitoring.summary import Summary
 from tests.commands import status_of
@@ -86,27 +84,6 @@ def test_a_failure_of_ours_keeps_its_trace(monkeypatch):
     monkeypatch.setattr(commands, "app", broken)
     with pytest.raises(ValueError, match="ours"):
         main()
-
-
-@pytest.mark.parametrize(
-    ("link", "changes", "said"),
-    [
-        (0, {"simulate": {"role": "drive", "perod_s": 0.01}}, "did you mean 'period_s'"),
-        (0, {"simulate": {"role": "monitor"}}, "0 simulated drives"),
-        (0, {"faults": [{"kind": "dropp"}]}, "did you mean 'drop'"),
-        (0, {"simulate": None, "port": ""}, "links.0.port: "),
-        (1, {"simulate": None, "channel": ""}, "links.1.channel: "),
-    ],
-)
-def test_check_refuses_what_a_run_would_refuse(cli, tmp_path, link, changes, said):
-    data = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
-    data["links"][link] |= changes
-    path = tmp_path / "cell.yaml"
-    path.write_text(yaml.safe_dump(data), encoding="utf-8")
-    status, _, error = cli("check", path)
-    assert status == 2
-    assert len(error.splitlines()) == 1
-    assert said in error
 
 
 def test_a_name_that_is_too_long_is_one_line(cli):
