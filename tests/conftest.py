@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 
 import pytest
@@ -84,3 +84,16 @@ def no_matplotlib(monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     monkeypatch.delitem(sys.modules, "hri_predict.base.figures", raising=False)
     return "plots need matplotlib; install it with pip install 'hri-predict[plots]'"
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run a command line; gives exit status, standard output, standard error."""
+    from tests.commands import status_of
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        status = status_of(*arguments)
+        out, err = capsys.readouterr()
+        return status, out, err
+
+    return call

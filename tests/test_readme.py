@@ -33,6 +33,7 @@ from hri_predict.run.config import load, shipped
 from tests import pages
 from tests.commands import children, root
 from tests.pages import PAGES, ROOT, WIRE_A_CELL, Block
+from tests.waiting import free_port
 
 pytestmark = pytest.mark.usefixtures("built_once")
 SHARED = ROOT.parent / "shared" / "data"
@@ -110,12 +111,6 @@ def put_cell(folder: Path, page: Path, port: str) -> None:
     text = pages.cell(page).replace("/dev/ttyUSB0", port)
     text = text.replace("interface: socketcan", "interface: virtual")
     (folder / "cell.yaml").write_text(text, encoding="utf-8")
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def wait_for(endpoint: str) -> None:

@@ -1,13 +1,12 @@
 """Scenarios in which a moving robot touched a person: a script fails where one does."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from tests.cases import CASES
+from tests.processes import python
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENARIOS = CASES / "scenarios"
@@ -21,12 +20,5 @@ NAMES = sorted(path.name for path in SCENARIOS.glob("c*.py"))
 def test_no_moving_robot_touches_a_person(name):
     paths = os.pathsep.join(map(str, (ROOT, ROOT / "drivers", ROOT / "sim")))
     environment = os.environ | {"PROJECT": str(ROOT), "PYTHONPATH": paths}
-    done = subprocess.run(
-        [sys.executable, name],
-        cwd=SCENARIOS,
-        env=environment | {"PYTHONDONTWRITEBYTECODE": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python(name, cwd=SCENARIOS, env=environment | {"PYTHONDONTWRITEBYTECODE": "1"})
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]

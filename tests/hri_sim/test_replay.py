@@ -15,14 +15,14 @@ from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.link import Received
 from hri_predict.contracts.scene import Person, Scene
-from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.recording import Recorder, RecordingInfo, open_recording
 from hri_predict.recording.converting import write_recording
 from hri_sim.people.body import Body
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.replay import RecordingSettings, RecordingSource
+from tests.messages import make_state
+from tests.shared import DATA, needs_data
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 START = 5_000_000_000
 
 
@@ -195,13 +195,7 @@ def _recorded(path: Path, source: Any, seconds: float, latency_ns: int = 3_000_0
         while (due := source.next_ns()) is not None and due <= START + seconds * 1e9:
             scene = source.poll(due)
             recorder.on_scene(scene, due + latency_ns)
-            state = RobotState(
-                robot=0,
-                mode=RobotMode.AUTOMATIC,
-                counter=len(scenes) % 256,
-                positions=(0.5,),
-                velocities=(0.0,),
-            )
+            state = make_state((0.5,), counter=len(scenes) % 256)
             recorder.on_received("can", Received(state, due + 1))
             scenes.append(scene)
     return scenes
@@ -338,7 +332,7 @@ def test_people_who_are_not_of_human_size_are_refused_with_the_unit(tmp_path: Pa
     assert _source(path, unit_m=2.54).recording.scenes
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")
+@needs_data
 @pytest.mark.parametrize(
     "name",
     ["cmu_mocap/test/walking_1", "cmu_mocap/test/soccer_1", "assembly/task1_human1_trial1"],

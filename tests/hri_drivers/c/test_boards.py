@@ -27,19 +27,15 @@ from hri_predict.protocol.messages import (
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
+from tests.messages import make_advice
 
 C = Path(__file__).resolve().parents[3] / "drivers" / "c"
 STM32, ARDUINO = C / "examples" / "stm32", C / "examples" / "arduino"
 STUBS = Path(__file__).with_name("boards")
 STRICT = ["-Wall", "-Wextra", "-Werror", "-pedantic"]
 SANITIZERS = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-SLOW = Advice(
-    robot=0,
-    level=Level.SLOW,
-    reason=Reason.PERSON_APPROACHING,
-    latch_id=9,
-    speed_limit_m_s=0.75,
-    age_s=0.02,
+SLOW = make_advice(
+    Level.SLOW, Reason.PERSON_APPROACHING, latch_id=9, speed_limit_m_s=0.75, age_s=0.02
 )
 
 

@@ -29,7 +29,6 @@ WIDE = ("fd", "serial")
 SILENCE_MS, MAX_AGE_MS, WINDOW_MS = 150, 338, 500
 MOVE = Advice(robot=0, level=Level.CLEAR, reason=Reason.NONE, speed_limit_m_s=0.75, age_s=0.03)
 STOP = replace(MOVE, level=Level.STOP, reason=Reason.PERSON_NEAR, speed_limit_m_s=0.0)
-EMPTY = encode_payloads(Zone(person=1, step=0, horizon_s=0.1, capsules=(), age_s=0.0))[0]
 
 
 @dataclass

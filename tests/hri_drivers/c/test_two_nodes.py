@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.hri_drivers.links.can.test_udp_multicast_fd import in_namespace, why_not
+from tests.namespaces import in_namespace, why_not
 
 ROOT = Path(__file__).resolve().parents[3]
 

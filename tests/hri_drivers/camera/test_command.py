@@ -6,7 +6,6 @@ The network is that of ``network/test_described.py``'s kind: small, and made her
 import json
 import os
 import socket
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,6 +21,7 @@ from hri_drivers.camera.network import package
 from hri_drivers.sources.scene_stream.codec import decode_body, open_datagram
 from hri_predict.base.errors import HriPredictError
 from tests.hri_drivers.camera.pictures import cv2, textured, write_video
+from tests.processes import python
 
 onnx = pytest.importorskip("onnx")
 
@@ -256,10 +256,9 @@ def test_nothing_is_connected_but_the_node(model, tmp_path):
     """By Python's audit events, and by the process's descriptors, which hold those of libraries."""
     video = write_video(tmp_path / "v.avi", [textured(seed=k) for k in range(3)], 100)
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(
-        [sys.executable, "-c", WATCHED, "camera", video, "--model", model, "--port", "47999"],
-        capture_output=True, text=True, env=environment, check=False,
-    )  # fmt: skip
+    done = python(
+        "-c", WATCHED, "camera", video, "--model", model, "--port", "47999", env=environment
+    )
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert "SOCKETS 1" in lines

@@ -2,8 +2,6 @@
 
 import itertools
 import threading
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,11 +11,8 @@ from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_drivers.wires.transport import pipe
 from hri_predict.protocol.can import CanReceiver, CanSender
 from hri_predict.protocol.messages import (
-    Advice,
     Level,
     NodeState,
-    RobotMode,
-    RobotState,
     Status,
     Zone,
     ZoneCapsule,
@@ -26,29 +21,19 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
 from hri_sim.wires.pty import PtyTransport
 from hri_sim.wires.slcan_adapter import SlcanAdapter, open_pty
+from tests.messages import make_advice, make_state
 
 CHANNELS = itertools.count()
 
 
 def advice(latch_id=0, robot=0, **more):
-    return Advice(
-        robot=robot,
-        level=Level.SLOW,
-        reason=Reason.PERSON_NEAR,
-        latch_id=latch_id,
-        speed_limit_m_s=0.25,
-        **more,
+    return make_advice(
+        Level.SLOW, Reason.PERSON_NEAR, robot=robot, latch_id=latch_id, speed_limit_m_s=0.25, **more
     )
 
 
 def robot_state(counter, robot=0):
-    return RobotState(
-        robot=robot,
-        mode=RobotMode.AUTOMATIC,
-        counter=counter,
-        positions=(0.1,) * 6,
-        velocities=(0.0,) * 6,
-    )
+    return make_state((0.1,) * 6, counter=counter, robot=robot)
 
 
 def zone(person=0, step=0, capture_ns=0, segments=3):
@@ -138,12 +123,10 @@ REAL_TIME = ["serial pipe", "serial pty", "virtual", "virtual fd", "slcan", "slc
 VIRTUAL_TIME = ["serial pipe", "can pipe", "can pipe fd"]
 
 
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
-    """Wait for something that another thread does; the limit only ends a test that fails."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.005)
+def more(into: list[Any], new: list[Any]) -> list[Any]:
+    """``into`` with what is new."""
+    into += new
+    return into
 
 
 def take_into(received: list[Any], link: Any) -> int:

@@ -9,16 +9,13 @@ from hri_drivers.links.framed import NOISE_BYTES
 from hri_drivers.wires.serial import MAX_READ
 from hri_predict.base.clock import VirtualClock
 from hri_predict.protocol.can import CanSender
-from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.protocol.serial import SerialSender
 from tests.hri_drivers.links.pairs import make
+from tests.messages import make_state
 
 
 def in_degrees(counter):
-    return RobotState(
-        robot=0, mode=RobotMode.AUTOMATIC, counter=counter,
-        positions=(90.0,) * 6, velocities=(0.0,) * 6,
-    )  # fmt: skip
+    return make_state((90.0,) * 6, counter=counter)
 
 
 def test_bytes_without_a_frame_are_said_once(caplog):

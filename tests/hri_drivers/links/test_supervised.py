@@ -27,12 +27,13 @@ from tests.hri_drivers.links.pairs import (
     Pair,
     Peer,
     advice,
-    eventually,
     make,
     robot_state,
     take_into,
     zone,
 )
+from tests.messages import make_status
+from tests.waiting import eventually
 
 
 @pytest.fixture(params=REAL_TIME)
@@ -92,9 +93,7 @@ def test_the_age_is_that_at_encoding(pair):
 
 
 def test_the_last_word_leaves_before_the_link_closes(pair):
-    last = Status(
-        node_state=NodeState.STOPPING, reason=Reason.STOPPING, people=0, predictor=0, cycle=1
-    )
+    last = make_status(node_state=NodeState.STOPPING, reason=Reason.STOPPING)
     pair.link.post(last)
     pair.link.post(advice(1))
     pair.link.stop()

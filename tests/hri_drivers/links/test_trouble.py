@@ -2,8 +2,6 @@
 
 import itertools
 import threading
-import time
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -16,13 +14,13 @@ from hri_predict.protocol.messages import (
     Advice,
     Level,
     NodeState,
-    RobotMode,
-    RobotState,
     Status,
     Zone,
 )
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
+from tests.messages import make_state
+from tests.waiting import eventually
 
 STATUS = Status(node_state=NodeState.RUNNING, reason=Reason.NONE, people=1, predictor=0, cycle=7)
 
@@ -37,14 +35,6 @@ def zone() -> Zone:
 
 def byte_pipe() -> tuple[PipeEnd[bytes], PipeEnd[bytes]]:
     return pipe()
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
-    """Wait for something that another thread does; the limit only ends a test that fails."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.005)
 
 
 class Unreliable:
@@ -187,13 +177,7 @@ def test_after_a_reconnection_nothing_old_is_echoed():
     link = SerialLink(SerialLinkSettings(name="cell", port="x", baudrate=921_600), clock, near)
     far.open()
     link.service(0)
-    far.write(
-        SerialSender().encode(
-            RobotState(
-                robot=0, mode=RobotMode.AUTOMATIC, counter=9, positions=(0.0,), velocities=(0.0,)
-            )
-        )
-    )
+    far.write(SerialSender().encode(make_state((0.0,), counter=9)))
     link.post(advice(1))
     link.service(0)
     near.close()  # unplugged

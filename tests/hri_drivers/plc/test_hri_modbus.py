@@ -11,26 +11,20 @@ from hypothesis import strategies as st
 from hri_drivers.links.plant.codec import RegisterCodec
 from hri_drivers.links.plant.image import Image
 from hri_predict.base.settings import Pose
-from hri_predict.protocol.messages import Advice, Level, NodeState, Status, Zone, ZoneCapsule
+from hri_predict.protocol.messages import Level, Zone, ZoneCapsule
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.registers import NEAREST, NODE, ROBOT, robot_address, words_of
 from tests.hri_drivers.plc.conftest import PLC, SOURCES, everything
 from tests.hri_drivers.plc.structured_text import load
+from tests.messages import make_advice, make_status
 
 MS = 1_000_000
 UNITS = everything()
 BODY = ZoneCapsule(0, (0.0, -2.0, 0.0), (0.0, -2.0, 1.7), 0.2)
 ZONE = Zone(person=5, step=0, horizon_s=0.0, capsules=(BODY,), age_s=0.05)
-STATUS = Status(
-    node_state=NodeState.RUNNING, reason=Reason.NONE, people=1, predictor=0, cycle=1, age_s=0.05
-)
-CLEAR = Advice(
-    robot=1,
-    level=Level.CLEAR,
-    reason=Reason.PERSON_NEAR,
-    speed_limit_m_s=0.8,
-    latch_id=9,
-    age_s=0.05,
+STATUS = make_status(people=1, age_s=0.05)
+CLEAR = make_advice(
+    Level.CLEAR, Reason.PERSON_NEAR, robot=1, speed_limit_m_s=0.8, latch_id=9, age_s=0.05
 )
 
 

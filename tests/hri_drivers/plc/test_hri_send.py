@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 from hri_predict.protocol.can import CanFrame, CanReceiver
 from hri_predict.protocol.definition import BY_TYPE
 from hri_predict.protocol.generate.examples import EXAMPLES
-from hri_predict.protocol.messages import Acknowledge, BaseMotion, Message, RobotMode, RobotState
+from hri_predict.protocol.messages import Acknowledge, BaseMotion, Message, RobotState
 from hri_predict.protocol.serial import SerialReceiver
 from tests.hri_drivers.c.test_examples import Example
 from tests.hri_drivers.plc.conftest import everything
 from tests.hri_drivers.plc.structured_text import Unit, Units
 from tests.hri_predict.protocol.drawn import assert_close, robot_states
+from tests.messages import make_state
 
 UNITS = everything()
 NOT_AVAILABLE = -(2**31)
@@ -118,9 +119,7 @@ def test_the_bytes_are_those_of_the_worked_example(message: RobotState | Acknowl
     )
 
 
-STILL = RobotState(
-    robot=0, mode=RobotMode.AUTOMATIC, counter=9, positions=(0.5,) * 6, velocities=(0.0,) * 6
-)
+STILL = make_state((0.5,) * 6, counter=9)
 AT_REST = {"vx_m_s": 0.0, "vy_m_s": 0.0, "yaw_rate_rad_s": 0.0}
 
 

@@ -15,10 +15,8 @@ from hri_predict.protocol.messages import (
     Advice,
     Level,
     Message,
-    NodeState,
     Pose,
     Schema,
-    Status,
 )
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS
@@ -26,20 +24,14 @@ from hri_predict.protocol.serial import SerialSender
 from tests.hri_drivers.plc.conftest import everything
 from tests.hri_drivers.plc.test_hri_send import STILL, inputs
 from tests.hri_predict.protocol.drawn import advices
+from tests.messages import make_advice, make_status
 
 UNITS = everything()
-SLOW = Advice(
-    robot=0,
-    level=Level.SLOW,
-    reason=Reason.PERSON_APPROACHING,
-    latch_id=9,
-    speed_limit_m_s=0.75,
-    age_s=0.041,
+SLOW = make_advice(
+    Level.SLOW, Reason.PERSON_APPROACHING, latch_id=9, speed_limit_m_s=0.75, age_s=0.041
 )
 OTHERS: tuple[Message, ...] = (
-    Status(
-        node_state=NodeState.RUNNING, reason=Reason.NONE, people=1, predictor=0, cycle=0, age_s=0.0
-    ),
+    make_status(people=1, cycle=0, age_s=0.0),
     Pose(
         person=1,
         step=0,

@@ -10,21 +10,18 @@ import pytest
 
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_predict.base.clock import MonotonicClock
-from hri_predict.protocol.messages import Acknowledge, Advice, Level, RobotState
+from hri_predict.protocol.messages import Acknowledge, Level, RobotState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS
 from tests.hri_drivers.plc.conftest import everything
 from tests.hri_drivers.plc.test_hri_send import STILL, inputs, line, outputs, sender
+from tests.messages import make_advice
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.realtime
 PATIENCE_S = 30.0
-SLOW = Advice(
-    robot=0,
-    level=Level.SLOW,
-    reason=Reason.PERSON_APPROACHING,
-    latch_id=9,
-    speed_limit_m_s=0.75,
-    age_s=0.02,
+SLOW = make_advice(
+    Level.SLOW, Reason.PERSON_APPROACHING, latch_id=9, speed_limit_m_s=0.75, age_s=0.02
 )
 
 
@@ -107,13 +104,6 @@ def plc() -> Iterator[Plc]:
     running.join(PATIENCE_S)
 
 
-def until(condition: Callable[[], Any]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.02)
-
-
 def test_a_plc_as_tcp_server_obeys_the_node_and_stops_without_it(plc: Plc) -> None:
     port = f"socket://127.0.0.1:{plc.server.getsockname()[1]}"
     heard: list[Any] = []
@@ -130,13 +120,13 @@ def test_a_plc_as_tcp_server_obeys_the_node_and_stops_without_it(plc: Plc) -> No
         return link
 
     first = started()
-    until(lambda: obeyed(first, lambda: plc.speed == 750))
+    eventually(lambda: obeyed(first, lambda: plc.speed == 750))
     plc.pressed = True
-    until(lambda: obeyed(first, lambda: Acknowledge(9, 77) in heard))
+    eventually(lambda: obeyed(first, lambda: Acknowledge(9, 77) in heard))
     assert len([m for m in heard if isinstance(m, RobotState)]) > 1
     first.stop()
-    until(lambda: plc.speed == 0)
+    eventually(lambda: plc.speed == 0)
     assert plc.advice.variables["Silent"] == 1
     second = started()
-    until(lambda: obeyed(second, lambda: plc.speed == 750))
+    eventually(lambda: obeyed(second, lambda: plc.speed == 750))
     second.stop()

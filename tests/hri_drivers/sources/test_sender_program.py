@@ -1,21 +1,16 @@
 """hri_sender.py as a program: a mistake is one line with the remedy, and no traceback."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.processes import python
 
 SENDER = Path(__file__).resolve().parents[3] / "drivers" / "python" / "hri_sender.py"
 
 
 def run(*arguments):
-    done = subprocess.run(
-        [sys.executable, SENDER, "--port", "9", "--seconds", "0", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=30,
-    )
+    done = python(SENDER, "--port", "9", "--seconds", "0", *arguments, timeout=30)
     return done.returncode, done.stderr
 
 

@@ -5,7 +5,6 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -15,6 +14,7 @@ from zeroconf import ServiceInfo, Zeroconf
 from hri_drivers.sources.scene_json.json_source import TCP_SOURCE, JsonSettings, JsonSource
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import SourceError
+from tests.waiting import eventually
 
 NAME = f"test{os.getpid()} camera"
 POSE = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
@@ -23,14 +23,6 @@ POSE = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
 def settings(**more: Any) -> JsonSettings:
     data = {"kind": "json", "role": "client", "rate_hz": 30, "room_from_source": POSE}
     return JsonSettings.model_validate(data | {"service": NAME} | more)
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 30.0) -> None:
-    """Wait for what another thread does; the limit only ends a test that fails."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.01)
 
 
 class Camera:

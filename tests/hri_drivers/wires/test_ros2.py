@@ -1,10 +1,11 @@
 """A ROS 2 node of ours, in a process of its own: Fast DDS reads its profiles once in each."""
 
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.processes import python
 
 pytest.importorskip("rclpy", reason="needs the extra ros2, or a sourced ROS 2 installation")
 pytestmark = [pytest.mark.long, pytest.mark.realtime]
@@ -26,13 +27,7 @@ assert dict(os.environ) == before
 def run(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
     import os
 
-    return subprocess.run(
-        [sys.executable, "-c", OPEN + script],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        env=os.environ | environment,
-    )
+    return python("-c", OPEN + script, timeout=60, env=os.environ | environment)
 
 
 LISTENING = """

@@ -13,13 +13,13 @@ from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
     Level,
-    NodeState,
     Pose,
     Schema,
     Status,
     Zone,
 )
 from hri_predict.protocol.reasons import Reason
+from tests.messages import make_status
 
 
 def advice(robot=0, latch=0):
@@ -27,9 +27,7 @@ def advice(robot=0, latch=0):
 
 
 def status(cycle=0):
-    return Status(
-        node_state=NodeState.RUNNING, reason=Reason.NONE, people=1, predictor=0, cycle=cycle
-    )
+    return make_status(people=1, cycle=cycle)
 
 
 def zone(person=0, step=0):

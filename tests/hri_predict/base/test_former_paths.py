@@ -1,12 +1,12 @@
 """Packages of others import the contracts by the paths of release 0.1, and are warned."""
 
-import subprocess
 import sys
 from importlib import import_module
 
 import pytest
 
 from hri_predict.base.former_paths import FORMER
+from tests.processes import python
 
 
 @pytest.mark.parametrize(("former", "today"), FORMER.items())
@@ -27,9 +27,7 @@ def test_a_package_of_others_finds_names_by_former_paths():
         "import hri_predict.link, hri_predict.contracts.predictor as new\n"
         "assert Predictor is new.Predictor\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-W", "always", "-c", code], capture_output=True, text=True, timeout=60
-    )
+    done = python("-W", "always", "-c", code, timeout=60)
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("DeprecationWarning") == 3
 

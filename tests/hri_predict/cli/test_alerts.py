@@ -5,23 +5,9 @@ import sys
 
 import pytest
 
-from hri_predict.cli import main
 from tests.hri_predict.commissioning.cells import cell_data, write_cell
-from tests.hri_predict.operation.alerting.servers import free_port, silent_server, web_server
-
-
-@pytest.fixture
-def cli(monkeypatch, capsys):
-    """Run a command line; gives exit status, standard output, standard error."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return ended.value.code or 0, captured.out, captured.err
-
-    return call
+from tests.hri_predict.operation.alerting.servers import silent_server, web_server
+from tests.waiting import free_port
 
 
 def cell(folder, *hooks):

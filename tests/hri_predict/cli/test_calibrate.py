@@ -1,16 +1,16 @@
 """``hri-predict calibrate``: a calibration made, measured, carded; one clear line for a mistake."""
 
 import json
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
 
-from hri_predict.cli import main
 from hri_predict.cli.calibrate.checking import _calibrated_on
 from hri_predict.lab.calibration.scores import score_recordings
 from hri_predict.predictors.baselines import ConstantVelocity, ConstantVelocitySettings
 from hri_predict.zones.calibration import load_calibration
+from tests.commands import status_of
 from tests.hri_predict.short_fit import short_fit
 
 CV = ["--predictor", "constant_velocity"]
@@ -23,17 +23,9 @@ def _short_fit():
 
 
 @pytest.fixture
-def cli(monkeypatch, capsys):
-    """Run a command line; gives exit status, standard output, standard error."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", "calibrate", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return ended.value.code or 0, captured.out, captured.err
-
-    return call
+def cli(cli):
+    """Run the command; gives exit status, standard output, standard error."""
+    return partial(cli, "calibrate")
 
 
 def walking(path, seed, frames=240, fps=120.0):
@@ -68,12 +60,7 @@ def folder(tmp_path_factory):
 def made(folder, tmp_path_factory):
     """A calibration of constant velocity."""
     out = tmp_path_factory.mktemp("made") / "cv.json"
-    with pytest.MonkeyPatch.context() as patch:
-        arguments = [*CV, "--data", str(folder), "--out", str(out)]
-        patch.setattr(sys, "argv", ["hri-predict", "calibrate", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-    assert not ended.value.code
+    assert status_of("calibrate", *CV, "--data", folder, "--out", out) == 0
     return out
 
 

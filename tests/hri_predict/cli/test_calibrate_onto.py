@@ -1,31 +1,17 @@
 """``hri-predict calibrate --onto``: a calibration moved to a site; one clear line for a mistake."""
 
 import json
-import sys
 from datetime import date
+from functools import partial
 
 import numpy as np
 import pytest
 
-from hri_predict.cli import main
 from hri_predict.zones.calibration import load_calibration
-from tests.hri_predict.cli.test_calibrate import CV, walking
-from tests.hri_predict.short_fit import short_fit
+from tests.commands import status_of
+from tests.hri_predict.cli.test_calibrate import CV, _short_fit, walking  # noqa: F401
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _short_fit():
-    with short_fit():
-        yield
-
-
-def run(*arguments):
-    """The exit status of a command line."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["hri-predict", "calibrate", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-    return ended.value.code or 0
+run = partial(status_of, "calibrate")
 
 
 @pytest.fixture(scope="module")

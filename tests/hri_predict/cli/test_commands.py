@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from hri_predict.cli.commands import ORDER
+from tests.processes import python
 
 CALL = "import sys; from hri_predict.cli import main\n"
 HEAVY = ("numpy", "pydantic", "torch", "hri_predict.node", "hri_predict.contracts", "hri_sim")
@@ -15,10 +16,7 @@ PARSER = ("typer", "rich", "importlib.metadata", "importlib.abc")
 
 
 def command(*arguments: str, cwd: Path, **options) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-c", f"{CALL}main()", *arguments],
-        cwd=cwd, capture_output=True, text=True, timeout=120, **options,
-    )  # fmt: skip
+    return python("-c", f"{CALL}main()", *arguments, cwd=cwd, timeout=120, **options)
 
 
 def package(folder: Path, entry: str, source: str) -> None:

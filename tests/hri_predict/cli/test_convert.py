@@ -2,15 +2,14 @@
 
 import json
 import os
-import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.cli import main
 from hri_predict.recording import open_recording
 from hri_predict.recording.format_table import BY_NAME, of_ending
 from hri_sim.replay import RecordingSettings, RecordingSource
@@ -28,19 +27,11 @@ TABLE = "time_s,person,waist_x,waist_y,waist_z,l_wrist_x,l_wrist_y,l_wrist_z\n" 
 
 
 @pytest.fixture
-def cli(monkeypatch, capsys, tmp_path):
+def cli(monkeypatch, cli, tmp_path):
     """Run ``convert`` where two.csv is; gives exit status, standard output, standard error."""
     (tmp_path / "two.csv").write_text(TABLE)
     monkeypatch.chdir(tmp_path)
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", "convert", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return ended.value.code or 0, captured.out, captured.err
-
-    return call
+    return partial(cli, "convert")
 
 
 @pytest.fixture

@@ -7,12 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
-import yaml
 
-from hri_predict import cli
-from hri_predict.base.files import data_path
-from hri_predict.cli import commands, run
+from hri_predict.cli import commands, main, run
 from hri_predict.operation.monitoring.summary import Summary
+from tests.commands import status_of
 
 HRI_PREDICT = [sys.executable, "-m", "hri_predict"]
 
@@ -57,11 +55,8 @@ def test_the_status_tells_of_contacts_though_nobody_reads_the_summary(monkeypatc
     summary.contacts = contacts
     monkeypatch.setattr(run, "run_session", lambda *_arguments: summary)
     monkeypatch.setattr(run, "_show", show)
-    monkeypatch.setattr(sys, "argv", ["hri-predict", "demo", "--speed", "max"])
     monkeypatch.setattr(sys, "stdout", sys.stdout)  # the command line gives it up
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    assert ended.value.code == (1 if contacts else 0)
+    assert status_of("demo", "--speed", "max") == (1 if contacts else 0)
 
 
 def test_ctrl_c_while_it_is_imported_ends_it_quietly(monkeypatch, capsys):
@@ -70,19 +65,14 @@ def test_ctrl_c_while_it_is_imported_ends_it_quietly(monkeypatch, capsys):
             raise KeyboardInterrupt
 
     monkeypatch.setitem(sys.modules, "hri_predict.cli.commands", Slow())
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    assert ended.value.code == 130
+    assert status_of() == 130
     assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("name", ["a\nb", "a\x1b[31mb", "a\u2028b", "a\rb"])
-def test_a_name_cannot_break_the_line(monkeypatch, capsys, name):
-    monkeypatch.setattr(sys, "argv", ["hri-predict", "check", f"/no/{name}.yaml"])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    error = capsys.readouterr().err
-    assert ended.value.code == 2
+def test_a_name_cannot_break_the_line(cli, name):
+    status, _, error = cli("check", f"/no/{name}.yaml")
+    assert status == 2
     assert len(error.splitlines()) == 1
     assert error.rstrip("\n").isprintable()
 
@@ -93,38 +83,12 @@ def test_a_failure_of_ours_keeps_its_trace(monkeypatch):
 
     monkeypatch.setattr(commands, "app", broken)
     with pytest.raises(ValueError, match="ours"):
-        cli.main()
+        main()
 
 
-@pytest.mark.parametrize(
-    ("link", "changes", "said"),
-    [
-        (0, {"simulate": {"role": "drive", "perod_s": 0.01}}, "did you mean 'period_s'"),
-        (0, {"simulate": {"role": "monitor"}}, "0 simulated drives"),
-        (0, {"faults": [{"kind": "dropp"}]}, "did you mean 'drop'"),
-        (0, {"simulate": None, "port": ""}, "links.0.port: "),
-        (1, {"simulate": None, "channel": ""}, "links.1.channel: "),
-    ],
-)
-def test_check_refuses_what_a_run_would_refuse(monkeypatch, capsys, tmp_path, link, changes, said):
-    data = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
-    data["links"][link] |= changes
-    path = tmp_path / "cell.yaml"
-    path.write_text(yaml.safe_dump(data), encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", ["hri-predict", "check", str(path)])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    error = capsys.readouterr().err
-    assert ended.value.code == 2
-    assert len(error.splitlines()) == 1
-    assert said in error
-
-
-def test_a_name_that_is_too_long_is_one_line(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["hri-predict", "evidence", 300 * "a"])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    assert ended.value.code == 2
-    (line,) = capsys.readouterr().err.splitlines()
+def test_a_name_that_is_too_long_is_one_line(cli):
+    status, _, error = cli("evidence", 300 * "a")
+    assert status == 2
+    (line,) = error.splitlines()
     assert line.startswith(f"error: {300 * 'a'}")
     assert "File name too long; choose a shorter one" in line

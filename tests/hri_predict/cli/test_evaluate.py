@@ -3,37 +3,26 @@
 import csv
 import json
 import os
-import sys
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli import main
 from hri_predict.cli.common import files, recordings
 from hri_predict.lab.datasets.cmu_benchmark import MEAN_OVER
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38
 from hri_predict.predictors.neural.network import Shape, network_class_of
 from hri_predict.predictors.neural.settings import shipped_weights
 from hri_predict.predictors.neural.weights import save_weights
-
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
+from tests.shared import DATA, needs_data
 
 
 @pytest.fixture
-def cli(monkeypatch, capsys):
-    """Run a command line; gives exit status, standard output, standard error."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", "evaluate", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return ended.value.code or 0, captured.out, captured.err
-
-    return call
+def cli(cli):
+    """Run the command; gives exit status, standard output, standard error."""
+    return partial(cli, "evaluate")
 
 
 @pytest.fixture
@@ -170,15 +159,15 @@ def test_recordings_of_a_folder_a_file_and_a_pack(tmp_path):
         recordings(tmp_path / "empty", "test")
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="needs ../shared/data")
+@needs_data
 def test_a_folder_of_the_pack_gives_its_part_of_a_split_or_all_of_it():
-    part = files([SHARED / "motion" / "cmu_tools"], "test_motion")
+    part = files([DATA / "motion" / "cmu_tools"], "test_motion")
     assert [path.stem for path in part] == ["62_03", "62_10"]
-    assert len(files([SHARED / "motion" / "cmu_tools"], None)) == 12
-    assert len(files([SHARED], "test_motion")) == 58
-    assert len(files([SHARED / "cmu_mocap"], None)) == 24  # as before: the test recordings
+    assert len(files([DATA / "motion" / "cmu_tools"], None)) == 12
+    assert len(files([DATA], "test_motion")) == 58
+    assert len(files([DATA / "cmu_mocap"], None)) == 24  # as before: the test recordings
     with pytest.raises(ConfigError, match=r"cmu_tools: no recording of the split test; name"):
-        files([SHARED / "motion" / "cmu_tools"], "test")
+        files([DATA / "motion" / "cmu_tools"], "test")
 
 
 @pytest.mark.long

@@ -1,11 +1,9 @@
 """``evidence``: lists, counts and verifies."""
 
 import json
-import sys
 
 import pytest
 
-from hri_predict.cli import main
 from hri_predict.operation.evidence import chain
 from hri_predict.protocol.messages import Level
 from tests.hri_predict.operation.evidence.test_keeper import Run
@@ -18,18 +16,12 @@ def folder(tmp_path):
 
 
 @pytest.fixture
-def asked(monkeypatch, capsys):
+def asked(cli):
     """Run the command; returns the exit status and what it printed."""
 
     def run(*args):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", "evidence", *map(str, args)])
-        status: object = 0
-        try:
-            main()
-        except SystemExit as ended:
-            status = ended.code
-        said = capsys.readouterr()
-        return status, said.out + said.err
+        status, out, err = cli("evidence", *args)
+        return status, out + err
 
     return run
 

@@ -22,10 +22,13 @@ from hri_drivers.wires.transport import PipeEnd, pipe
 from hri_predict.base.errors import ConfigError
 from hri_predict.cli.fleet import FRAME_LINES, _table, _Watch, fleet
 from hri_predict.operation.monitoring.fleet import CellRow, Fleet, RobotRow
-from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.keyed import Keyed, KeyedSender
-from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
+from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
+from tests.hri_predict.operation.monitoring.said import OURS, RUNNING
+from tests.messages import make_advice
+from tests.processes import hri_predict
+from tests.waiting import free_port
 
 PATIENCE_S = 90.0  # of a test that fails; a loaded machine takes its time to start seven processes
 
@@ -133,12 +136,6 @@ def is_silent(cell: dict[str, Any]) -> bool:
     return bool(cell["state"] == "silent" and cell["people"] is None)
 
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def command(*arguments: str) -> "subprocess.Popen[str]":
     return subprocess.Popen(
         [sys.executable, "-m", "hri_predict", *arguments],
@@ -197,21 +194,8 @@ def test_three_nodes_late_cut_off_healed_killed_and_stopped(
 def test_what_does_not_fit_on_the_screen_is_no_worse_than_what_does() -> None:
     view, sender = Fleet(silent_s=1e3), KeyedSender()
     for i in range(9):
-        schema = Schema(SCHEMA_VERSION, SCHEMA_HASH)
         level = Level.STOP if i == 7 else Level.CLEAR
-        status = Status(
-            node_state=NodeState.RUNNING,
-            reason=Reason.NONE,
-            people=0,
-            predictor=0,
-            cycle=1,
-            age_s=0.0,
-        )
-        for message in (
-            schema,
-            status,
-            Advice(robot=0, level=level, reason=Reason.PERSON_NEAR, age_s=0.0),
-        ):
+        for message in (OURS, RUNNING, make_advice(level, Reason.PERSON_NEAR, age_s=0.0)):
             unit = sender.encode(message)
             view.take(Keyed(f"hri/plant/cell{i}/{unit.key}", unit.data), time.monotonic_ns())
             sender = KeyedSender()
@@ -277,10 +261,7 @@ def test_what_waited_to_be_read_is_as_old_as_it_is(waited_s: float, state: str) 
     """A neighbour that floods the network keeps the messages of the others waiting."""
     watch, sender = _Watch(NOBODY, Fleet()), KeyedSender()
     heard_ns = time.monotonic_ns() - round(waited_s * 1e9)
-    status = Status(
-        node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, predictor=0, cycle=1, age_s=0.0
-    )
-    for message in (Schema(SCHEMA_VERSION, SCHEMA_HASH), status):
+    for message in (OURS, RUNNING):
         unit = sender.encode(message)
         watch._take(Keyed(f"hri/plant/press/{unit.key}", unit.data, heard_ns))
     assert watch.rows()[0].state == state
@@ -288,12 +269,7 @@ def test_what_waited_to_be_read_is_as_old_as_it_is(waited_s: float, state: str) 
 
 def test_nobody_to_connect_to_is_an_error_that_names_the_endpoint() -> None:
     end = f"tcp/127.0.0.1:{free_port()}"
-    done = subprocess.run(
-        [sys.executable, "-m", "hri_predict", "fleet", "--connect", end, "--seconds", "0.2"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    done = hri_predict("fleet", "--connect", end, "--seconds", "0.2", timeout=60)
     assert done.returncode == 2
     assert f"zenoh {end}: no answer; start the router or peer there" in done.stderr
     assert "no message from any cell yet" in done.stdout

@@ -18,10 +18,11 @@ from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import ConfigError
 from hri_predict.cli.fleet import fleet
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
-from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
+from hri_predict.protocol.messages import Advice, Level, Schema
 from hri_predict.protocol.reasons import Reason
 from tests.browser import CHROMIUM, Browser, wait_for
-from tests.hri_predict.cli.test_fleet import free_port
+from tests.messages import make_status
+from tests.waiting import free_port
 
 WORDS = "[...document.querySelectorAll('.tile .word')].map(word => word.textContent).join()"
 
@@ -48,14 +49,7 @@ class Speaker:
         while not self._end.wait(0.04):
             now_ns = time.monotonic_ns()
             advice = Advice(robot=0, level=self.level, reason=self.reason, capture_ns=now_ns)
-            status = Status(
-                node_state=NodeState.RUNNING,
-                reason=Reason.NONE,
-                people=1,
-                predictor=0,
-                cycle=cycle % 256,
-                capture_ns=now_ns,
-            )
+            status = make_status(people=1, cycle=cycle % 256, capture_ns=now_ns)
             for message in (advice, status):
                 self._link.post(message)
             if cycle % 25 == 0:

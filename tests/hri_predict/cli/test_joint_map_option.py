@@ -1,12 +1,10 @@
 """``--joint-map``: taken by every command that opens recordings, with the same words."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
-from hri_predict.cli import main
 from hri_predict.recording import open_recording
 
 ARMS = ("l_shoulder", "l_elbow", "l_wrist", "r_shoulder", "r_elbow", "r_wrist")
@@ -41,7 +39,7 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def cli(folder, monkeypatch, capsys):
+def cli(folder, cli):
     """Run a command on the table; gives exit status, standard output, standard error."""
     given = {
         "RECORDING": folder / "a.csv",
@@ -51,12 +49,8 @@ def cli(folder, monkeypatch, capsys):
     }
 
     def call(command, *more):
-        words = [str(given.get(word, word)) for word in (*COMMANDS[command], *more)]
-        monkeypatch.setattr(sys, "argv", ["hri-predict", command, *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return ended.value.code or 0, captured.out, captured.err
+        words = [given.get(word, word) for word in (*COMMANDS[command], *more)]
+        return cli(command, *words)
 
     return call
 

@@ -26,6 +26,7 @@ from hri_sim.baseline_demo import BASELINE
 from hri_sim.controllers.cell import MockCell
 from hri_sim.fault_table.node_death import write_config
 from hri_sim.wires.pty import open_pty
+from tests.processes import hri_predict
 
 pytestmark = pytest.mark.realtime
 WAIT_S = 60.0
@@ -86,11 +87,11 @@ def test_run_for_a_while(tmp_path):
     """The demo: two controllers in processes of their own, real lines between."""
     data = demo() | {"alerts": {"file": "alerts.jsonl"}}
     (tmp_path / "cell.yaml").write_text(yaml.safe_dump(data))
-    done = subprocess.run(
-        [*HRI_PREDICT, "run", str(tmp_path / "cell.yaml"), "--duration", "4", "--json",
-         "--record", str(tmp_path / "a.mcap")],
-        capture_output=True, text=True, timeout=WAIT_S,
-    )  # fmt: skip
+    done = hri_predict(
+        *("run", tmp_path / "cell.yaml", "--duration", "4", "--json"),
+        *("--record", tmp_path / "a.mcap"),
+        timeout=WAIT_S,
+    )
     assert done.returncode == 0, done.stderr
     summary = json.loads(done.stdout)
     assert 50 <= summary["ticks"] <= 100
@@ -233,10 +234,9 @@ def test_listen_hears_the_node_from_its_start_to_its_end(line, tmp_path):
 def test_listen_for_alerts_alone(line, tmp_path):
     config = serial_config(tmp_path / "node.yaml", line.port_a)
     with started("run", config) as node:
-        listening = subprocess.run(
-            [*HRI_PREDICT, "listen", f"serial:{line.port_b}", "--alerts", "--seconds", "12"],
-            capture_output=True, text=True, timeout=WAIT_S,
-        )  # fmt: skip
+        listening = hri_predict(
+            "listen", f"serial:{line.port_b}", "--alerts", "--seconds", "12", timeout=WAIT_S
+        )
         assert node.poll() is None
     assert listening.returncode == 0
     advice = [x for x in listening.stdout.splitlines() if "  advice " in x]

@@ -1,12 +1,10 @@
 """``topics`` and what follows from it: a bag is listed, replayed and converted."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
-from hri_predict.cli import main
 from hri_predict.cli.run import BESIDE_THE_ROBOT, played
 from hri_predict.protocol.ros.bodies import MARKER_ARRAY
 from hri_predict.run import config as configuration
@@ -14,22 +12,6 @@ from hri_predict.run import config as configuration
 pytest.importorskip("rosbags", reason="needs the extra bags")
 from tests.hri_predict.recording.ros.bags import maker, write
 from tests.hri_predict.recording.ros.test_people import MS, UTC, standing, walk
-
-
-@pytest.fixture
-def cli(monkeypatch, capsys):
-    """Run a command; returns the exit status, and what it printed on both streams."""
-
-    def run(*args):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", *map(str, args)])
-        status: object = 0
-        try:
-            main()
-        except SystemExit as ended:
-            status = ended.code or 0
-        return status, *capsys.readouterr()
-
-    return run
 
 
 @pytest.fixture

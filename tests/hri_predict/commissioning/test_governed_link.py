@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from hri_predict.commissioning.governed_link import GovernedLink, lowered
 from hri_predict.contracts.link import LinkCounters, Received
-from hri_predict.protocol.messages import Advice, Level, NodeState, RobotMode, RobotState, Status
+from hri_predict.protocol.messages import Advice, Level, RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
+from tests.messages import make_status
 
 MOVING = (Level.CLEAR, Level.WARN, Level.SLOW)
 speeds = st.floats(0, 20) | st.just(float("nan"))
@@ -60,9 +61,7 @@ def test_it_is_a_link_for_its_own_robots_alone():
     fake: Any = Fake()
     link = GovernedLink(fake, [1], lambda robot: 0.5)
     clear = Advice(robot=1, level=Level.CLEAR, reason=Reason.NONE, speed_limit_m_s=1.0)
-    status = Status(
-        node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, predictor=0, cycle=1
-    )
+    status = make_status()
     link.post(clear)
     link.post(Advice(robot=0, level=Level.CLEAR, reason=Reason.NONE, speed_limit_m_s=1.0))
     link.post(status)

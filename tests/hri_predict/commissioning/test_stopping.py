@@ -16,9 +16,9 @@ from hri_predict.commissioning.stopping import (
     worst,
 )
 from hri_predict.contracts.link import Received
-from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.run import assemble
 from tests.hri_predict.commissioning.cells import cell_data, load_cell
+from tests.messages import make_state
 
 S, MS = 1_000_000_000, 1_000_000
 PLAN = StoppingTrials(speeds_m_s=[0.5], repeats=1, wait_s=2.0)
@@ -104,9 +104,7 @@ class Ramp:
                 commanded_ns = trial.commanded_ns
             since = None if commanded_ns is None else (now_ns - commanded_ns) * 1e-9
             speed = self._speed_at(since)
-            state = RobotState(
-                robot=0, mode=RobotMode.AUTOMATIC, counter=1, positions=(0.0,), velocities=(speed,)
-            )
+            state = make_state((0.0,), (speed,))
             self.test.on_received("drive", Received(state, now_ns))
             self.test.each_tick(now_ns)
             now_ns += self._period_ns

@@ -14,8 +14,8 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.contracts.joint_map import METRES_PER_UNIT, load_joint_map, map_names
+from tests.shared import DATA, needs_data
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 SHIPPED = [name for name in map_names() if name != "bvh"]
 # (source, joint, its index in the documents of the source)
 INDICES = [
@@ -326,9 +326,6 @@ def test_unknown_map_names_the_nearest_and_a_missing_file_says_so(tmp_path):
         load_joint_map(str(tmp_path / "absent.yaml"))
     with pytest.raises(ConfigError, match="file's own joint names"):
         load_joint_map("bvh")
-
-
-needs_data = pytest.mark.skipif(not DATA.exists(), reason="needs ../shared/data")
 
 
 @needs_data

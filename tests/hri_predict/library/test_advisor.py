@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import hri_predict
-from hri_predict import Acknowledge, Advisor, Level, Person, Reason, RobotMode, RobotState, Scene
+from hri_predict import Acknowledge, Advisor, Level, Person, Reason, Scene
 from hri_predict.base.errors import ConfigError
 from hri_sim.people.body import Body
+from tests.messages import make_state
 
 MS = 1_000_000
 BODY = Body(1.75)
@@ -29,12 +30,8 @@ class Cell:
             if place is not None:
                 joints = BODY.joints(BODY.standing(np.array(place), 0.0))
                 people = (Person(1, joints, np.ones(21, bool)),)
-            state = RobotState(
-                robot=0,
-                mode=RobotMode.AUTOMATIC,
-                counter=self.counter,
-                positions=(0.0, -1.57, 1.57, -1.57, -1.57, 0.0),
-                velocities=(0.0,) * 6,
+            state = make_state(
+                (0.0, -1.57, 1.57, -1.57, -1.57, 0.0), (0.0,) * 6, counter=self.counter
             )
             scene = Scene(self.now, self.counter, True, people)
             tick = self.advisor.advise(scene, [state] if states else [], now_ns=self.now + late)

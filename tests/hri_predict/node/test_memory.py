@@ -152,7 +152,16 @@ def test_the_file_of_another_cell_is_recognised(tmp_path):
     assert "another cell" in distrusted(here, cell="there")
 
 
-def test_what_the_disk_had_no_room_for_is_missed_at_the_next_start(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("call", "why"),
+    [
+        ("replace", "older than the last one"),
+        ("pwrite", "deleted"),  # not even the mark can be written: no old file stays
+    ],
+)
+def test_what_the_disk_had_no_room_for_is_missed_at_the_next_start(
+    tmp_path, monkeypatch, call, why
+):
     runs(tmp_path, 1)
     node = Node(tmp_path, 1060.0, data={"latch": 1})
     node.memory.open()
@@ -160,25 +169,11 @@ def test_what_the_disk_had_no_room_for_is_missed_at_the_next_start(tmp_path, mon
     assert not node.memory.failing
     node.part.data = {"latch": 2}
     with monkeypatch.context() as patched:
-        patched.setattr(os, "replace", full)
+        patched.setattr(os, call, full)
         node.memory.on_tick(TICK)
         node.memory.close()
     assert node.memory.failing
-    assert "older than the last one" in distrusted(tmp_path)
-
-
-def test_where_not_even_the_mark_can_be_written_no_old_file_stays(tmp_path, monkeypatch):
-    runs(tmp_path, 1)
-    node = Node(tmp_path, 1060.0, data={"latch": 1})
-    node.memory.open()
-    node.memory.on_tick(TICK)
-    node.part.data = {"latch": 2}
-    with monkeypatch.context() as patched:
-        patched.setattr(os, "pwrite", full)
-        node.memory.on_tick(TICK)
-        node.memory.close()
-    assert node.memory.failing
-    assert "deleted" in distrusted(tmp_path)
+    assert why in distrusted(tmp_path)
 
 
 def test_a_kill_at_any_moment_of_a_write_leaves_the_last_word_or_distrust(tmp_path, monkeypatch):

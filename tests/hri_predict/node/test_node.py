@@ -16,11 +16,11 @@ from hri_predict.protocol.messages import (
     Level,
     NodeState,
     RobotMode,
-    RobotState,
     Status,
 )
 from hri_predict.protocol.reasons import Reason
 from hri_predict.run import config as configuration
+from tests.messages import make_state
 
 FAR = [4.0, 3.0]
 MS = 1_000_000
@@ -218,13 +218,7 @@ def test_in_shadow_mode_links_hear_unknown_and_listeners_the_truth(make_workcell
     links = heard(cell)
     # the controllers are cut off, so the robot is told by hand
     for counter in range(25):
-        state = RobotState(
-            robot=0,
-            mode=RobotMode.AUTOMATIC,
-            counter=counter,
-            positions=(0.0,) * 6,
-            velocities=(0.0,) * 6,
-        )
+        state = make_state((0.0,) * 6, counter=counter)
         links[0].inbox.append(Received(state, cell.clock.now_ns()))
         cell.run(0.04)
     told = [m for link in links for m in link.posted if isinstance(m, Advice)]
@@ -272,13 +266,7 @@ def test_two_links_report_the_same_robot_and_their_counters_do_not_mix(near):
     before = dict(tracker.counters)
     q = tuple(tracker.at(near.clock.now_ns()).q.tolist())
     for link in (drive, monitor, drive):  # the third repeats the first
-        state = RobotState(
-            robot=0,
-            mode=RobotMode.AUTOMATIC,
-            counter=200,
-            positions=q,
-            velocities=(0.0,) * 6,
-        )
+        state = make_state(q, (0.0,) * 6, counter=200)
         link.inbox.append(Received(state, near.clock.now_ns()))
     near.run(0.04)
     assert tracker.counters["accepted"] == before["accepted"] + 2
@@ -288,9 +276,7 @@ def test_two_links_report_the_same_robot_and_their_counters_do_not_mix(near):
 
 def test_state_of_a_robot_that_is_not_there_is_harmless(near):
     drive, _ = heard(near)
-    state = RobotState(
-        robot=6, mode=RobotMode.AUTOMATIC, counter=1, positions=(0.1,) * 6, velocities=(0.0,) * 6
-    )
+    state = make_state((0.1,) * 6, robot=6)
     drive.inbox.append(Received(state, near.clock.now_ns()))
     (tick,) = near.run(0.04)
     assert tick.status.node_state is not NodeState.FAULT
@@ -308,9 +294,7 @@ def test_state_of_a_robot_that_is_not_there_is_harmless(near):
 def test_a_robot_state_that_cannot_be_trusted_is_a_reason(near, mode, positions, reason):
     drive, _ = heard(near)
     positions = positions or tuple(near.assembly.trackers[0].at(near.clock.now_ns()).q.tolist())
-    state = RobotState(
-        robot=0, mode=mode, counter=17, positions=positions, velocities=(0.0,) * len(positions)
-    )
+    state = make_state(positions, counter=17, mode=mode)
     drive.inbox.append(Received(state, near.clock.now_ns()))
     (tick,) = near.run(0.04)
     assert tick.advices[0].reason is reason
@@ -355,9 +339,7 @@ def test_each_link_hears_of_its_robots_alone(make_workcell):
 
 def test_a_robot_state_counts_only_from_a_link_that_controls_that_robot(near):
     link = heard(near)[0]
-    stranger = RobotState(
-        robot=3, mode=RobotMode.AUTOMATIC, counter=1, positions=(0.0,) * 6, velocities=(0.0,) * 6
-    )
+    stranger = make_state((0.0,) * 6, robot=3)
     link.inbox.append(Received(stranger, near.clock.now_ns()))
     near.node.tick(near.clock.now_ns())
     assert (near.node.strange_states, near.node.assess_failures) == (1, 0)

@@ -5,17 +5,14 @@ import math
 import pytest
 
 from hri_predict.node.refused_states import SAY_NS, STUCK, RefusedStates, why_refused
-from hri_predict.protocol.messages import RobotMode, RobotState
 from tests.hri_predict.robots.test_tracker import MODEL, QD, Q, tracker
+from tests.messages import make_state
 
 MS = 1_000_000
 
 
 def state(positions=Q, velocities=QD, counter=1):
-    return RobotState(
-        robot=0, mode=RobotMode.AUTOMATIC, counter=counter,
-        positions=tuple(positions), velocities=tuple(velocities),
-    )  # fmt: skip
+    return make_state(tuple(positions), tuple(velocities), counter=counter)
 
 
 def test_degrees_are_recognised():

@@ -3,29 +3,14 @@
 import numpy as np
 import pytest
 
-from hri_predict.base.settings import Region
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person
 from hri_predict.people.track import Body, Track
 from hri_predict.protocol.reasons import Reason
+from tests.hri_predict.people.figures import ALL, DOOR, SHAPE, J, body, lost_at
 
-J = len(JOINTS)
-SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))
-ALL = np.ones(J, bool)
 HEAD = np.array(["head" in name or "shoulder" in name or name == "neck" for name in JOINTS])
 LEGS = np.array([name[2:] in ("hip", "knee", "ankle", "foot") for name in JOINTS])
-DOOR = Region(polygon=[[4.0, -1.0], [6.0, -1.0], [6.0, 1.0], [4.0, 1.0]])
-
-
-def body(person_id, x, y=0.0, observed=ALL):
-    return Person(person_id, SHAPE + np.array([x, y, 0.0]), observed)
-
-
-def lost_at(snapshot):
-    """Where people were lost: x of the first joint, less the body's own."""
-    return sorted(round(float(p.positions[0, 0] - SHAPE[0, 0]), 1) for p in snapshot.lost)
-
-
 # -- an id that was absent ---------------------------------------------------------------------
 
 

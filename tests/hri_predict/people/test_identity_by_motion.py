@@ -4,22 +4,10 @@ import numpy as np
 import pytest
 
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.contracts.scene import Person
+from tests.hri_predict.people.figures import SHAPE, J, body, lost_at
 
-J = len(JOINTS)
-SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))
-ALL = np.ones(J, bool)
 ARMS = np.array([name[2:] in ("elbow", "wrist", "hand") for name in JOINTS])
 LEGS = np.array([name[2:] in ("knee", "ankle", "foot") for name in JOINTS])
-
-
-def body(person_id, x, y=0.0, observed=ALL):
-    return Person(person_id, SHAPE + np.array([x, y, 0.0]), observed)
-
-
-def lost_at(snapshot):
-    """Where people were lost: x of the first joint, less the body's own."""
-    return sorted(round(float(p.positions[0, 0] - SHAPE[0, 0]), 1) for p in snapshot.lost)
 
 
 # -- (a) one capture under a colleague's id, (d) an id that alternates ----------------------------

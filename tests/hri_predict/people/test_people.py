@@ -7,23 +7,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.settings import Pose
-from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.contracts.source import SourceSettings
 from hri_predict.people.people import People
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.protocol.reasons import Reason
+from tests.hri_predict.people.figures import ALL, SHAPE, J
 
 SHARED = Path(__file__).resolve().parents[3].parent / "shared"
 MS = 1_000_000
 RATE = 25.0
 PERIOD = 40 * MS
-J = len(JOINTS)
 T = 10
-# about the size of a body, so that the mean of the joints stands for it
-SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))
-ALL = np.ones(J, bool)
 
 
 def body(person_id, x, y=0.0, observed=ALL):

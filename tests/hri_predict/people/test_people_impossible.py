@@ -1,21 +1,12 @@
 import numpy as np
 import pytest
 
-from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person
 from hri_predict.protocol.reasons import Reason
+from tests.hri_predict.people.figures import SHAPE, J, body
 
 MS = 1_000_000
 PERIOD = 40 * MS
-J = len(JOINTS)
-# about the size of a body, so that the mean of the joints stands for it
-SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))
-ALL = np.ones(J, bool)
-
-
-def body(person_id, x, y=0.0, observed=ALL):
-    positions = SHAPE + np.array([x, y, 0.0])
-    return Person(person_id, np.where(observed[:, None], positions, np.nan), observed)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300, 1001.0])

@@ -2,26 +2,14 @@
 
 import numpy as np
 
-from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.scene import Person
 from hri_predict.protocol.reasons import Reason
+from tests.hri_predict.people.figures import EXIT, body, nowhere
 
-J = len(JOINTS)
-SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))
-ALL, NONE = np.ones(J, bool), np.zeros(J, bool)
 CMU = load_joint_map("cmu38")
 UNUSED = np.flatnonzero(~np.any(CMU.weights > 0, axis=0))
 STALE_TOO = (Reason.PERSON_NOT_LOCATED, Reason.INPUT_STALE)
-EXIT = {"polygon": [[2, -3], [2.8, -3], [2.8, 3], [2, 3]], "z_min": -1, "z_max": 3}
-
-
-def body(number, x, y=0.0):
-    return Person(number, SHAPE + np.array([x, y, 0.0]), ALL)
-
-
-def nowhere(number):
-    return Person(number, np.full((J, 3), np.nan), NONE)
 
 
 def test_a_scene_of_somebody_unseen_is_no_good_capture(make_room):

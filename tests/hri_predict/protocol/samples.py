@@ -7,10 +7,9 @@ from hri_predict.protocol.messages import (
     BaseMotion,
     Level,
     OperatingMode,
-    RobotMode,
-    RobotState,
 )
 from hri_predict.protocol.reasons import Reason
+from tests.messages import make_state
 
 ADVICE = Advice(
     robot=1,
@@ -28,9 +27,7 @@ ADVICE = Advice(
     mode=OperatingMode.MUTED,
     tool=3,
 )
-SIX = RobotState(
-    robot=1, mode=RobotMode.AUTOMATIC, counter=1, positions=(0.0,) * 6, velocities=(0.0,) * 6
-)
+SIX = make_state((0.0,) * 6, robot=1)
 SEVEN = replace(SIX, positions=(0.5,) * 7, velocities=(0.0,) * 7)
 NINE = replace(
     SIX,

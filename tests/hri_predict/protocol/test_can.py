@@ -3,25 +3,23 @@
 from dataclasses import replace
 from itertools import pairwise
 from math import inf, nan
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
+from hri_predict.base.errors import ConfigError
+from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver, CanSender
 from hri_predict.protocol.codec import decode_payload, encode_payloads
 from hri_predict.protocol.definition import BY_TYPE
 from hri_predict.protocol.messages import (
     Advice,
     Level,
     Message,
-    NodeState,
     OperatingMode,
     Pose,
-    RobotMode,
-    RobotState,
     Schema,
-    Status,
     Zone,
     ZoneCapsule,
 )
@@ -35,6 +33,7 @@ from tests.hri_predict.protocol.drawn import (
     sent_through,
 )
 from tests.hri_predict.protocol.samples import ADVICE, NINE, SEVEN
+from tests.messages import make_state, make_status
 
 
 @given(classic_messages)
@@ -98,35 +97,13 @@ def test_extremes_saturate() -> None:
     )
     got = sent_through(low, fd=False)
     assert flat(got)[3:12] == [0, -32.767, -32.767, 0.0, 0.0, 0, 0, 0, 0.0]
-    status = Status(
-        node_state=NodeState.RUNNING,
-        reason=Reason.NONE,
-        people=99,
-        predictor=999,
-        cycle=300,
-        age_s=1e9,
+    status = make_status(people=99, cycle=300, predictor=999, age_s=1e9)
+    assert sent_through(status, False) == make_status(
+        people=15, cycle=300 % 256, predictor=255, age_s=65.534
     )
-    assert sent_through(status, False) == Status(
-        node_state=NodeState.RUNNING,
-        reason=Reason.NONE,
-        people=15,
-        predictor=255,
-        cycle=300 % 256,
-        age_s=65.534,
-    )
-    state = RobotState(
-        robot=0,
-        mode=RobotMode.AUTOMATIC,
-        counter=65536 + 7,
-        positions=(8.1919, -8.1919),
-        velocities=(inf, -inf),
-    )
-    assert sent_through(state, False) == RobotState(
-        robot=0,
-        mode=RobotMode.AUTOMATIC,
-        counter=7,
-        positions=(8.19175, -8.19175),
-        velocities=(32.767, -32.767),
+    state = make_state((8.1919, -8.1919), (inf, -inf), counter=65536 + 7)
+    assert sent_through(state, False) == make_state(
+        (8.19175, -8.19175), (32.767, -32.767), counter=7
     )
 
 
@@ -211,13 +188,7 @@ def test_not_available_and_nan_come_back_as_none() -> None:
 def test_a_joint_that_is_no_number_never_arrives(fd: bool, bad: int) -> None:
     sender, receiver = CanSender(fd), CanReceiver(fd)
     row = [nan if i == bad else 0.0 for i in range(4)]
-    state = RobotState(
-        robot=0,
-        mode=RobotMode.AUTOMATIC,
-        counter=1,
-        positions=tuple(row[:2]),
-        velocities=tuple(row[2:]),
-    )
+    state = make_state(tuple(row[:2]), tuple(row[2:]))
     assert [m for frame in sender.encode(state) for m in receiver.feed(frame)] == []
     assert receiver.counters.malformed == 1
 
@@ -340,3 +311,38 @@ def test_reset_forgets_the_sequence_and_parts_under_way() -> None:
     receiver.reset()
     assert [m for f in groups[40] for m in receiver.feed(f)]
     assert receiver.counters.incomplete == 0
+
+
+def test_robots_and_links_keep_apart() -> None:
+    sender, receiver = CanSender(), CanReceiver()
+    for i in range(50):
+        for robot in range(8):
+            frames = sender.encode(
+                Advice(robot=robot, level=Level.WARN, reason=Reason.NONE, latch_id=i)
+            )
+            assert [f.arbitration_id for f in frames] == [
+                DEFAULT_BASE_ID + 8 * robot + part for part in range(3)
+            ]
+            assert [m for f in frames for m in receiver.feed(f)] == [
+                Advice(robot=robot, level=Level.WARN, reason=Reason.NONE, latch_id=i)
+            ]
+    elsewhere = CanReceiver(base_id=0x100)
+    assert elsewhere.feed(frames[0]) == []
+    assert elsewhere.counters.ignored == 1
+
+
+@pytest.mark.parametrize("fd", [False, True])
+def test_extended_ids(fd: bool) -> None:
+    ids: dict[str, Any] = {"base_id": 0x18FF4000, "extended": True}
+    assert sent_through(ADVICE, fd, **ids)
+    assert all(f.extended for f in CanSender(fd, **ids).encode(ADVICE))
+    standard = CanReceiver(fd)
+    for frame in CanSender(fd, extended=True).encode(ADVICE):
+        assert standard.feed(frame) == []
+    assert standard.counters.received == 0
+
+
+@pytest.mark.parametrize(("base", "extended"), [(0x7C0, False), (-1, False), (0x1FFFFFFF, True)])
+def test_a_base_id_without_room_is_refused(base: int, extended: bool) -> None:
+    with pytest.raises(ConfigError, match="choose one between 0x0 and"):
+        CanSender(base_id=base, extended=extended)

@@ -19,26 +19,19 @@ from hri_predict.protocol.messages import (
     Advice,
     Level,
     Message,
-    NodeState,
     Pose,
-    RobotMode,
-    RobotState,
     Schema,
-    Status,
     Zone,
     ZoneCapsule,
 )
 from hri_predict.protocol.reasons import Reason
+from tests.messages import make_state, make_status
 
-STATE = RobotState(
-    robot=3, mode=RobotMode.AUTOMATIC, counter=7, positions=(0.5, -1.25), velocities=(0.0, 0.125)
-)
+STATE = make_state((0.5, -1.25), (0.0, 0.125), counter=7, robot=3)
 MESSAGES: dict[str, Message] = {
     "advice/1": Advice(robot=1, level=Level.SLOW, reason=Reason.PERSON_NEAR),
     "state/3": STATE,
-    "status": Status(
-        node_state=NodeState.RUNNING, reason=Reason.NONE, people=2, predictor=0, cycle=9
-    ),
+    "status": make_status(people=2, cycle=9),
     "schema": Schema(1, 0xDEADBEEF),
     "ack": Acknowledge(5, 9),
 }

@@ -9,7 +9,6 @@ from hri_predict.protocol.messages import (
     Advice,
     Level,
     Message,
-    NodeState,
     Pose,
     Schema,
     Status,
@@ -17,19 +16,13 @@ from hri_predict.protocol.messages import (
     at_encoding,
 )
 from hri_predict.protocol.reasons import Reason
+from tests.messages import make_status
 
 
 @pytest.mark.parametrize(
     "message",
     [
-        Status(
-            node_state=NodeState.RUNNING,
-            reason=Reason.NONE,
-            people=0,
-            predictor=0,
-            cycle=0,
-            capture_ns=5_000_000_000,
-        ),
+        make_status(cycle=0, capture_ns=5_000_000_000),
         Advice(robot=0, level=Level.CLEAR, reason=Reason.NONE, capture_ns=5_000_000_000),
         Zone(person=1, step=0, horizon_s=0.0, capsules=(), capture_ns=5_000_000_000),
         Pose(person=1, step=0, horizon_s=0.0, joints=(), capture_ns=5_000_000_000),

@@ -22,6 +22,7 @@ from hri_predict.protocol.messages import (
 )
 from tests.hri_predict.protocol.drawn import sent_through
 from tests.hri_predict.protocol.samples import ADVICE, NINE, SEVEN, SIX
+from tests.messages import make_state
 
 FAR_OFF = BaseMotion(x_m=0.0, y_m=33.0, yaw_rad=0.0, vx_m_s=0.0, vy_m_s=0.0, yaw_rate_rad_s=0.0)
 
@@ -66,13 +67,7 @@ def test_a_yaw_of_more_turns_is_the_same_yaw() -> None:
 
 def test_the_bytes_of_a_robot_state() -> None:
     """As PROTOCOL.md says: mode and joints, counter, requests, six joints, more, the base."""
-    six = RobotState(
-        robot=0,
-        mode=RobotMode.AUTOMATIC,
-        counter=0x1234,
-        positions=(0.25,) * 6,
-        velocities=(-0.001,) * 6,
-    )
+    six = make_state((0.25,) * 6, (-0.001,) * 6, counter=0x1234)
     (payload,) = encode_payloads(six)
     none = "00 80"
     head = "61 34 12 00 FF 00"

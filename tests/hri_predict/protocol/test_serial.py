@@ -17,8 +17,6 @@ from hri_predict.protocol.messages import (
     Message,
     NodeState,
     Pose,
-    RobotMode,
-    RobotState,
     Schema,
     Status,
     Zone,
@@ -28,6 +26,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.serial import MAX_ENCODED, SerialReceiver, SerialSender
 from hri_predict.protocol.wire import wire_bits
 from tests.hri_predict.protocol.samples import ADVICE
+from tests.messages import make_state
 
 CAPSULES = tuple(
     ZoneCapsule(i, (0.125 * i, -1.0, 2.0), (0.25, 0.5, 1.0 + i), 0.1 + i / 8) for i in range(17)
@@ -43,13 +42,7 @@ MESSAGES: list[Message] = [
         cycle=99,
         age_s=None,
     ),
-    RobotState(
-        robot=7,
-        mode=RobotMode.AUTOMATIC,
-        counter=65535,
-        positions=(0.5, -1.25, 3.0),
-        velocities=(0.0, 0.125, -2.0),
-    ),
+    make_state((0.5, -1.25, 3.0), (0.0, 0.125, -2.0), counter=65535, robot=7),
     Schema(1, 0xDEADBEEF),
     Acknowledge(5, 1 << 31),
 ]

@@ -2,18 +2,17 @@
 
 import re
 import shlex
-import sys
 
 import numpy as np
 import pytest
 
 from hri_predict.base.errors import RecordingError
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.cli import main
 from hri_predict.recording import open_recording
 from hri_predict.recording.opening import opened
 from hri_predict.recording.recording import Recording
 from tests.cases import CASES
+from tests.commands import status_of
 
 FILES = CASES / "files"
 pytestmark = pytest.mark.skipif(not FILES.is_dir(), reason=f"needs {FILES}")
@@ -94,10 +93,7 @@ def test_units_and_axes_are_refused_with_a_remedy_that_works(
     assert command[1].endswith(option)
     monkeypatch.chdir(tmp_path)
     words = shlex.split(command[1])
-    monkeypatch.setattr(sys, "argv", ["hri-predict", *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
+    assert status_of(*words) == 0
     found, seen = canonical(opened(tmp_path / words[2]))
     expected, known = canonical(open_recording(FILES / base))
     np.testing.assert_array_equal(seen, known)

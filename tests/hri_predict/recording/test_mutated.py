@@ -14,6 +14,7 @@ from hri_predict.recording import Recording, open_recording
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.format_table import BY_NAME
 from hri_predict.recording.naming import map_of_names
+from tests.hri_predict.recording.made import of_scenes
 
 TOKENS = (b"nan", b"1e999", b"-1", b"99999999999", b"\t", b",", b"\n", b"", b"\0", b"\xff", b'"')
 EACH = 40
@@ -26,15 +27,7 @@ def _seed_file(folder: Path, kind: str) -> Path:
         Scene(k * 20_000_000, k, True, (Person(1, row, np.ones(len(JOINTS), bool)),))
         for k, row in enumerate(joints)
     ]
-    times = [scene.stamp_ns for scene in scenes]
-    recording = Recording(
-        path=Path("x"),
-        kind="csv",
-        joint_map=map_of_names(JOINTS),
-        rate_hz=50.0,
-        scenes=scenes,
-        arrival_ns=times,
-    )
+    recording = of_scenes(scenes, map_of_names(JOINTS), 50.0)
     path = folder / f"seed{BY_NAME[kind].ending}"
     write_recording(recording, path, kind)
     return path

@@ -1,7 +1,6 @@
 """Files whose people cannot be people are refused with the remedy, and no others."""
 
 import shlex
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +8,13 @@ import pytest
 
 from hri_predict.base.errors import RecordingError
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.cli import main
 from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.recording.opening import opened
 from hri_sim.people.body import Body
 from hri_sim.replay import RecordingSettings, RecordingSource
+from tests.commands import status_of
+from tests.shared import DATA
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 _WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([2.0, 0.3]), 0.4))
 LYING = (BODY - BODY[0]) @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]).T + [2.0, 0.3, 0.2]
@@ -107,19 +106,13 @@ def test_units_are_judged_before_far_joints_are_left_out(tmp_path, factor, unit)
 def test_convert_writes_no_file_that_lacks_most_joints_and_its_remedy_works(
     tmp_path, capsys, monkeypatch
 ):
-    def ran(*words):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", *map(str, words)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code
-
     monkeypatch.chdir(tmp_path)
     path = archive(tmp_path / "a.npz", walk(), 1000)
-    assert ran("convert", path, tmp_path / "b.mcap") != 0
+    assert status_of("convert", path, tmp_path / "b.mcap") != 0
     assert not (tmp_path / "b.mcap").exists()
     error = " ".join(capsys.readouterr().err.split())
     command = error[error.index("hri-predict convert") :]
-    assert not ran(*shlex.split(command)[1:6])
+    assert not status_of(*shlex.split(command)[1:6])
     assert opened(Path(shlex.split(command)[3]))
 
 

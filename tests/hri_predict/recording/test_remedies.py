@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 
 from hri_predict.base.errors import RecordingError
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.cli import main
 from hri_predict.contracts.joint_map import METRES_PER_UNIT, axes_rotation
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.people.body.axes import all_axes
@@ -20,6 +18,8 @@ from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.opening import open_recording, opened
 from hri_predict.recording.recording import Recording
 from hri_sim.people.body import Body
+from tests.commands import status_of
+from tests.hri_predict.recording.made import of_scenes
 
 _WHO = Body(1.75)
 TRUE = np.array([_WHO.joints(_WHO.standing(np.array([0.02 * k, 0.1]), 0.0)) for k in range(20)])
@@ -34,14 +34,7 @@ def recorded(positions) -> Recording:
         Scene(round(k * 1e9 / 30), k, True, (Person(1, p, np.ones(len(JOINTS), bool)),))
         for k, p in enumerate(positions)
     ]
-    return Recording(
-        path=Path("x"),
-        kind="csv",
-        joint_map=map_of_names(JOINTS),
-        rate_hz=30.0,
-        scenes=scenes,
-        arrival_ns=[scene.stamp_ns for scene in scenes],
-    )
+    return of_scenes(scenes, map_of_names(JOINTS), 30.0)
 
 
 def written(folder: Path, kind: str, positions) -> Path:
@@ -69,10 +62,7 @@ def mended(path: Path, monkeypatch) -> tuple[Path, str]:
     assert command is not None, str(error.value)
     monkeypatch.chdir(path.parent)
     words = shlex.split(command[1])
-    monkeypatch.setattr(sys, "argv", ["hri-predict", *words, "--force"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
+    assert status_of(*words, "--force") == 0
     return path.parent / words[2], command[1]
 
 

@@ -17,6 +17,8 @@ from hri_predict.recording.cutting import between, decimated, of_person
 from hri_predict.recording.format_table import BY_NAME, FORMATS
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.opening import HEAD_BYTES
+from tests.hri_predict.recording.made import of_scenes
+from tests.shared import DATA, needs_data
 
 WRITTEN = [kind for kind in BY_NAME if kind != "bvh"]
 """BVH has its own tests: its bones are rigid, and its joints canonical."""
@@ -26,7 +28,6 @@ FINER_M = {"csv": 5.1e-7, "trc": 5.1e-8} | dict.fromkeys(("mcap", "rosbag2", "ro
 """Formats that promise more: their digits, or floats of 64 bits."""
 SEVERAL = ("csv", "trc", "c3d", "mcap", "rosbag2", "rosbag2-sqlite")
 """Formats that promise to hold several people; another one must count those that it drops."""
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 NAMES = st.lists(
     st.text("abcXYZ 0189_.-", min_size=1, max_size=20).map(lambda s: f"j{s}k"),
     min_size=1,
@@ -55,15 +56,7 @@ def made(joints, ids=(1,), frames=4, rate_hz=30.0, missing=0.3, seed=0) -> Recor
         )
         for k in range(frames)
     ]
-    times = [scene.stamp_ns for scene in scenes]
-    return Recording(
-        path=Path("made"),
-        kind="csv",
-        joint_map=map_of_names(joints),
-        rate_hz=rate_hz,
-        scenes=scenes,
-        arrival_ns=times,
-    )
+    return of_scenes(scenes, map_of_names(joints), rate_hz)
 
 
 def through(recording: Recording, to: str, folder: Path, **options) -> Recording:
@@ -142,7 +135,7 @@ def test_the_data_packs_own_layouts(tmp_path, name):
         np.testing.assert_allclose(scene.people[0].positions, turned[k][0], atol=2e-6)
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")
+@needs_data
 @pytest.mark.parametrize("to", WRITTEN)
 def test_a_real_walk_stays_where_it_was(tmp_path, to):
     walk = open_recording(DATA / "cmu_mocap" / "test" / "walking_1.npz")
@@ -161,14 +154,7 @@ def empty_and_blind() -> Recording:
         Scene(s.stamp_ns, s.sequence, sees, s.people[:count])
         for s, (sees, count) in zip(scenes, see, strict=True)
     ]
-    return Recording(
-        path=Path("x"),
-        kind="csv",
-        joint_map=recording.joint_map,
-        rate_hz=30.0,
-        scenes=scenes,
-        arrival_ns=recording.arrival_ns,
-    )
+    return of_scenes(scenes, recording.joint_map, 30.0, arrival_ns=recording.arrival_ns)
 
 
 @pytest.mark.parametrize("to", ["csv", "mcap"])
@@ -219,14 +205,7 @@ def test_lost_scenes_are_frames_without_joints(tmp_path):
     kept = [0, 1, 4, 5]
     scenes = [whole.scenes[k] for k in kept]
     times = [whole.arrival_ns[k] for k in kept]
-    cut = Recording(
-        path=Path("x"),
-        kind="mcap",
-        joint_map=whole.joint_map,
-        rate_hz=30.0,
-        scenes=scenes,
-        arrival_ns=times,
-    )
+    cut = of_scenes(scenes, whole.joint_map, 30.0, arrival_ns=times, kind="mcap")
     written = write_recording(cut, tmp_path / "a.trc", "trc")
     assert written.frames == 6
     assert any(note.startswith("2 frames are missing") for note in written.notes)
@@ -241,14 +220,7 @@ def test_a_source_that_is_a_little_faster_than_it_says_loses_no_frame(tmp_path):
     scenes = [
         Scene(ns, s.sequence, True, s.people) for ns, s in zip(times, recording.scenes, strict=True)
     ]
-    faster = Recording(
-        path=Path("x"),
-        kind="mcap",
-        joint_map=recording.joint_map,
-        rate_hz=30.0,
-        scenes=scenes,
-        arrival_ns=times,
-    )
+    faster = of_scenes(scenes, recording.joint_map, 30.0, arrival_ns=times, kind="mcap")
     written = write_recording(faster, tmp_path / "a.c3d", "c3d")
     assert (written.frames, written.notes) == (400, [])
     assert open_recording(tmp_path / "a.c3d", any_joints=True).rate_hz == pytest.approx(30.3)

@@ -12,7 +12,7 @@ from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, ap
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.zones.body_zones import BodyZones
 from hri_predict.zones.types import Zones
-from tests.hri_predict.risk.people_speeds import speeds_of
+from tests.hri_predict.risk.people_speeds import bodies_in
 
 SQUARE = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
 ELL = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]]
@@ -73,16 +73,7 @@ def bodies(x: list[float], grown: float = 0.0) -> BodyZones:
     grow[:, 0] = 0.0
     times = np.linspace(0.0, 0.1 * (len(x) - 1), len(x))
     zones = Zones((1,), ("head",), times, Capsules(centre, centre, radius + grow))
-    return BodyZones(
-        zones=zones,
-        paths=Capsules(centre, centre, radius),
-        lost=np.array([False]),
-        age_s=0.0,
-        capture_ns=0,
-        speeds=speeds_of(0.0),
-        segments_m_s=np.zeros((1, 1)),
-        as_assumed=np.ones(1, bool),
-    )
+    return bodies_in(zones, paths=Capsules(centre, centre, radius))
 
 
 def test_entry_is_predicted_from_the_body_as_forecast():
@@ -98,19 +89,7 @@ def test_entry_is_predicted_from_the_body_as_forecast():
 def test_nobody_occupies_nothing():
     empty = Capsules(np.zeros((0, 2, 1, 3)), np.zeros((0, 2, 1, 3)), np.zeros((0, 2, 1)))
     zones = Zones((), ("head",), np.array([0.0, 0.1]), empty)
-    state = zone().state(
-        BodyZones(
-            zones=zones,
-            paths=empty,
-            lost=np.zeros(0, bool),
-            age_s=0.0,
-            capture_ns=0,
-            speeds=speeds_of(),
-            segments_m_s=np.zeros((0, 1)),
-            as_assumed=np.zeros(0, bool),
-        )
-    )
-    assert state == NamedZoneState("door", False, None)
+    assert zone().state(bodies_in(zones)) == NamedZoneState("door", False, None)
 
 
 # -- field of view ---------------------------------------------------------------------------------

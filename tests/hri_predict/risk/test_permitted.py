@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -13,6 +11,7 @@ from hypothesis import strategies as st
 from hri_predict.risk import permitted
 from hri_predict.risk.separation.in_time import farthest
 from tests.hri_predict.risk.separation.curves import constant
+from tests.processes import python
 
 MARGINS = st.lists(st.floats(0, 1), min_size=1, max_size=4).map(np.array)
 WAYS = [permitted.any_way, permitted._any_way_by_loops]
@@ -77,13 +76,7 @@ json.dump([is_compiled(), before, said], sys.stdout)
 
 
 def run(**environment: str):
-    done = subprocess.run(
-        [sys.executable, "-c", RUN],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = python("-c", RUN, env={**os.environ, **environment}, check=True)
     return json.loads(done.stdout)
 
 

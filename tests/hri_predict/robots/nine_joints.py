@@ -10,7 +10,8 @@ import yaml
 from hri_predict.base.arrays import Floats
 from hri_predict.base.files import data_path
 from hri_predict.base.settings import Pose
-from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
+from hri_predict.robots.model import RobotModel, load_robot
+from tests.arms import arm_settings
 
 UR5E: dict[str, Any] = yaml.safe_load(data_path("robots", "ur5e.yaml").read_text())
 PLACED = Pose(xyz=[1.0, -2.0, 0.8], quaternion_xyzw=[0.0, 0.0, 0.6, 0.8])
@@ -57,9 +58,7 @@ def data() -> dict[str, Any]:
 def model(folder: Path) -> RobotModel:
     """The robot at ``PLACED``."""
     (folder / "nine.yaml").write_text(yaml.safe_dump(data()))
-    settings = RobotSettings(
-        name="arm", model="nine.yaml", room_from_robot=PLACED, max_speed_m_s=1.0, payload_kg=2.5
-    )
+    settings = arm_settings("nine.yaml", room_from_robot=PLACED, payload_kg=2.5)
     return load_robot(settings, folder)
 
 

@@ -1,4 +1,4 @@
-"""The Panda and the UR5 against their published poses and tables, pinocchio, coal, and meshes."""
+"""The Panda and the UR5 against pinocchio, coal, and meshes."""
 
 import os
 from pathlib import Path
@@ -9,16 +9,14 @@ import numpy as np
 import pinocchio
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.files import data_path
 from hri_predict.base.geometry import Capsules, capsule_distance, segment_distance
-from hri_predict.base.settings import Pose
 from hri_predict.cli.check.check import examine
-from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
+from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.run import config as configuration
+from tests.arms import arm_settings
 
 ROBOTS: dict[str, dict[str, Any]] = {
     name: yaml.safe_load(data_path("robots", f"{name}.yaml").read_text())
@@ -27,102 +25,17 @@ ROBOTS: dict[str, dict[str, Any]] = {
 
 
 def arm(name: str) -> RobotModel:
-    settings = RobotSettings(
-        name="arm", model=name, room_from_robot=Pose(), payload_kg=2.0, max_speed_m_s=1.0
-    )
+    settings = arm_settings(name, payload_kg=2.0)
     return load_robot(settings, None)
 
 
 ARMS = {name: arm(name) for name in ROBOTS}
-HALF = np.pi / 2
 
 
 def payload_at(name: str, q: list[float]) -> tuple[Floats, Floats]:
     placed = ARMS[name].capsules(np.array(q))
     i = ARMS[name].capsule_names.index("payload")
     return placed.a[i], placed.b[i]
-
-
-# --- poses known from the makers ---
-
-
-def test_panda_in_its_zero_pose() -> None:
-    # The flange is at (0.088, 0, 0.333 + 0.316 + 0.384 - 0.107 = 0.926) and looks down; link 7's
-    # origin is 0.107 above it, and the payload's ends are 0.19 and 0.23 from there.
-    a, b = payload_at("panda", [0] * 7)
-    np.testing.assert_allclose(a, [0.088, 0, 1.033 - 0.19], atol=1e-12)
-    np.testing.assert_allclose(b, [0.088, 0, 1.033 - 0.23], atol=1e-12)
-
-
-def test_panda_in_its_ready_pose() -> None:
-    # (0, -pi/4, 0, -3 pi/4, 0, pi/2, pi/4), where Franka's examples begin. In the x-z plane, with
-    # c = sqrt(1/2): the upper arm leans back by 45 degrees, the forearm is level, the hand hangs.
-    #   x = -0.316 c + 0.0825 c + 0.384 + 0.088 = 0.306891
-    #   z = 0.333 + 0.316 c + 0.0825 c + 0.0825 = 0.697282, flange 0.107 below: 0.590282
-    a, b = payload_at("panda", [0, -HALF / 2, 0, -1.5 * HALF, 0, HALF, HALF / 2])
-    np.testing.assert_allclose(a, [0.306891, 0, 0.697282 - 0.19], atol=1e-6)
-    np.testing.assert_allclose(b, [0.306891, 0, 0.697282 - 0.23], atol=1e-6)
-
-
-def test_ur5_in_its_zero_and_upright_poses() -> None:
-    # Stretched along -x: a2 + a3 = -0.81725, -(d4 + d6) = -0.19145, d1 - d5 = -0.005491; the tool
-    # looks along -y and the payload's ends are 0.16 and 0.2 along it.
-    a, b = payload_at("ur5", [0] * 6)
-    np.testing.assert_allclose(a, [-0.81725, -0.19145 - 0.16, -0.005491], atol=1e-12)
-    np.testing.assert_allclose(b, [-0.81725, -0.19145 - 0.2, -0.005491], atol=1e-12)
-    # Upright: d1 + 0.425 + 0.39225 + d5 = 1.001059.
-    a, _ = payload_at("ur5", [0, -HALF, 0, -HALF, 0, 0])
-    np.testing.assert_allclose(a, [0, -0.19145 - 0.16, 1.001059], atol=1e-12)
-
-
-# --- the published Denavit-Hartenberg tables, in pinocchio ---
-
-# a, alpha, d: Franka's are modified (before the turn), Universal Robots' classic (after it).
-PANDA_ROWS = [
-    (0, 0, 0.333),
-    (0, -HALF, 0),
-    (0, HALF, 0.316),
-    (0.0825, HALF, 0),
-    (-0.0825, -HALF, 0.384),
-    (0, HALF, 0),
-    (0.088, HALF, 0),
-]
-UR5_ROWS = [
-    (0, HALF, 0.089159),
-    (-0.425, 0, 0),
-    (-0.39225, 0, 0),
-    (0, HALF, 0.10915),
-    (0, -HALF, 0.09465),
-    (0, 0, 0.0823),
-]
-
-
-def last_link(name: str, q: Floats) -> Any:
-    """Pose of the last link, by pinocchio, from the published table."""
-    model, parent, after = pinocchio.Model(), 0, pinocchio.SE3.Identity()
-    for i, (a, alpha, d) in enumerate(PANDA_ROWS if name == "panda" else UR5_ROWS):
-        turn = pinocchio.utils.rotate("x", alpha)
-        if name == "panda":
-            before = pinocchio.SE3(turn, np.array([a, 0, 0.0]))
-            before *= pinocchio.SE3(np.eye(3), np.array([0, 0, d]))
-            rest = pinocchio.SE3.Identity()
-        else:
-            before, rest = pinocchio.SE3.Identity(), pinocchio.SE3(turn, np.array([a, 0, d]))
-        parent = model.addJoint(parent, pinocchio.JointModelRZ(), after * before, f"j{i}")
-        after = rest
-    data = model.createData()
-    pinocchio.forwardKinematics(model, data, q)
-    return data.oMi[parent] * after
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-@given(st.lists(st.floats(-3, 3), min_size=7, max_size=7))
-def test_the_chain_is_the_published_table(name: str, angles: list[float]) -> None:
-    q = np.array(angles[: ARMS[name].dof])
-    pose = last_link(name, q)
-    part = ROBOTS[name]["payload"][0]
-    for ours, local in zip(payload_at(name, q.tolist()), (part["a"], part["b"]), strict=True):
-        np.testing.assert_allclose(ours, pose.act(np.array(local)), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -4,17 +4,10 @@ from dataclasses import replace
 
 from hri_predict.protocol.messages import OperatingMode, RobotMode, RobotState
 from hri_predict.robots.mode_request import NOTHING_ASKED, ModeRequest, ModeRequests
+from tests.messages import make_state
 
 MS = 1_000_000
-TEACH = RobotState(
-    robot=0,
-    mode=RobotMode.MANUAL,
-    counter=1,
-    positions=(),
-    velocities=(),
-    request=OperatingMode.TEACH,
-    enabling=True,
-)
+TEACH = make_state((), (), mode=RobotMode.MANUAL, request=OperatingMode.TEACH, enabling=True)
 TAUGHT = ModeRequest(RobotMode.MANUAL, OperatingMode.TEACH, enabling=True, heard=True)
 
 

@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,24 +17,15 @@ from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import RobotError
 from hri_predict.base.files import data_path
 from hri_predict.base.settings import Pose
-from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
+from hri_predict.robots.model import RobotModel, load_robot
+from tests.arms import arm_settings
 
 UR5E: dict[str, Any] = yaml.safe_load(data_path("robots", "ur5e.yaml").read_text())
 SHIPPED = sorted(p.stem for p in data_path("robots").glob("*.yaml"))
 PLACED = Pose(xyz=[1.0, -2.0, 0.8], quaternion_xyzw=[0.0, 0.0, 0.6, 0.8])
 
 
-def settings_of(model: str = "ur5e", **more: Any) -> RobotSettings:
-    return RobotSettings(
-        **{
-            "name": "arm",
-            "model": model,
-            "room_from_robot": Pose(),
-            "max_speed_m_s": 1.0,
-            "payload_kg": 2.5,
-            **more,
-        }
-    )
+settings_of = partial(arm_settings, payload_kg=2.5)
 
 
 def ur5e(**more: Any) -> RobotModel:

@@ -1,4 +1,4 @@
-"""UR3e, UR20, Franka FR3 and KUKA LBR iiwa against their published tables, by pinocchio."""
+"""Shipped arms against their published tables and poses, by pinocchio."""
 
 from itertools import pairwise
 from typing import Any
@@ -13,47 +13,41 @@ from hypothesis import strategies as st
 from hri_predict.base.arrays import Floats
 from hri_predict.base.files import data_path
 from hri_predict.base.geometry import Capsules, capsule_distance
-from hri_predict.base.settings import Pose
-from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
+from hri_predict.robots.model import RobotModel, load_robot
+from tests.arms import arm_settings
 
 HALF = np.pi / 2
 UR_ALPHA = (HALF, 0, 0, HALF, -HALF, 0)
+Rows = list[tuple[float, float, float]]
 IIWA_ALPHA = (-HALF, HALF, HALF, -HALF, -HALF, HALF, 0)
 
+
+def ur(a2: float, a3: float, d1: float, d4: float, d5: float, d6: float) -> Rows:
+    return list(zip((0, a2, a3, 0, 0, 0), UR_ALPHA, (d1, 0, 0, d4, d5, d6), strict=True))
+
+
 # Rows of Denavit and Hartenberg, classic: a, alpha, d. The iiwas' files have origins
-# instead, with upright frames; the FR3's table is Craig's, modified (Franka's, as for the Panda).
-CLASSIC: dict[str, list[tuple[float, float, float]]] = {
-    "ur3e": list(
-        zip(
-            (0, -0.24355, -0.2132, 0, 0, 0),
-            UR_ALPHA,
-            (0.15185, 0, 0, 0.13105, 0.08535, 0.0921),
-            strict=True,
-        )
-    ),
-    "ur20": list(
-        zip(
-            (0, -0.8620, -0.7287, 0, 0, 0),
-            UR_ALPHA,
-            (0.2363, 0, 0, 0.2010, 0.1593, 0.1543),
-            strict=True,
-        )
-    ),
+# instead, with upright frames; the table of the Panda and FR3 is Craig's, modified.
+CLASSIC: dict[str, Rows] = {
+    "ur3e": ur(-0.24355, -0.2132, 0.15185, 0.13105, 0.08535, 0.0921),
+    "ur5": ur(-0.425, -0.39225, 0.089159, 0.10915, 0.09465, 0.0823),
+    "ur10e": ur(-0.6127, -0.57155, 0.1807, 0.17415, 0.11985, 0.11655),  # their article 45257
+    "ur20": ur(-0.8620, -0.7287, 0.2363, 0.2010, 0.1593, 0.1543),
     "iiwa14_r820": list(zip((0,) * 7, IIWA_ALPHA, (0.36, 0, 0.42, 0, 0.4, 0, 0.126), strict=True)),
     "iiwa7_r800": list(zip((0,) * 7, IIWA_ALPHA, (0.34, 0, 0.4, 0, 0.4, 0, 0.126), strict=True)),
 }
-MODIFIED: dict[str, list[tuple[float, float, float]]] = {
-    "fr3": [
-        (0, 0, 0.333),
-        (0, -HALF, 0),
-        (0, HALF, 0.316),
-        (0.0825, HALF, 0),
-        (-0.0825, -HALF, 0.384),
-        (0, HALF, 0),
-        (0.088, HALF, 0),
-    ]
-}
-ARMS = [*CLASSIC, *MODIFIED]
+FRANKA: Rows = [
+    (0, 0, 0.333),
+    (0, -HALF, 0),
+    (0, HALF, 0.316),
+    (0.0825, HALF, 0),
+    (-0.0825, -HALF, 0.384),
+    (0, HALF, 0),
+    (0.088, HALF, 0),
+]
+MODIFIED = {"panda": FRANKA, "fr3": FRANKA}
+ALL = [*CLASSIC, *MODIFIED]
+ARMS = ["ur3e", "ur20", "iiwa14_r820", "iiwa7_r800", "fr3"]
 
 # Degrees and degrees a second, from the makers' manuals as the robot files cite them.
 LIMITS = {
@@ -66,20 +60,14 @@ LIMITS = {
 
 def arm(name: str, payload_kg: float | None = None) -> RobotModel:
     return load_robot(
-        RobotSettings(
-            name="arm",
-            model=name,
-            room_from_robot=Pose(),
-            payload_kg=payload_kg,
-            max_speed_m_s=1.0,
-        ),
+        arm_settings(name, payload_kg=payload_kg),
         None,
     )
 
 
-MODELS = {name: arm(name) for name in ARMS}
+MODELS = {name: arm(name) for name in ALL}
 FILES: dict[str, dict[str, Any]] = {
-    name: yaml.safe_load(data_path("robots", f"{name}.yaml").read_text()) for name in ARMS
+    name: yaml.safe_load(data_path("robots", f"{name}.yaml").read_text()) for name in ALL
 }
 
 
@@ -106,39 +94,68 @@ def oracle(name: str, q: Floats) -> Any:
     return data.oMi[parent] * after
 
 
-def start_of_tool(name: str, q: Floats) -> Floats:
-    model = MODELS[name]
-    tool = FILES[name]["tool"][0]["name"]
-    return np.asarray(model.capsules(q).a[model.capsule_names.index(tool)])
+def ends_of_tool(name: str, q: Floats) -> tuple[Floats, Floats]:
+    placed = MODELS[name].capsules(q)
+    i = MODELS[name].capsule_names.index(FILES[name]["tool"][0]["name"])
+    return placed.a[i], placed.b[i]
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", ALL)
 @given(st.lists(st.floats(-2.9, 2.9), min_size=7, max_size=7))
 def test_the_chain_is_the_published_table(name: str, angles: list[float]) -> None:
     q = np.array(angles[: MODELS[name].dof])
-    # The classic tables end at the flange, whose gripper begins 30 mm beyond it.
-    local = [0, 0, 0.03] if name in CLASSIC else FILES[name]["tool"][0]["a"]
+    # The classic tables end at the flange, whose gripper is 30 to 100 mm beyond it.
+    part = FILES[name]["tool"][0]
+    ends = ([0, 0, 0.03], [0, 0, 0.1]) if name in CLASSIC else (part["a"], part["b"])
     # Metre-sized sums of some ten products of doubles: 1e-15 each.
-    np.testing.assert_allclose(
-        start_of_tool(name, q), oracle(name, q).act(np.array(local, float)), atol=1e-12
-    )
+    for ours, local in zip(ends_of_tool(name, q), ends, strict=True):
+        np.testing.assert_allclose(ours, oracle(name, q).act(np.array(local, float)), atol=1e-12)
+
+
+ZERO: list[float] = [0] * 7
+UPRIGHT = [0, -HALF, 0, -HALF, 0, 0]
+C = 0.5**0.5
 
 
 @pytest.mark.parametrize(
-    ("name", "at"),
+    ("name", "q", "at"),
     [
         # Stretched along -x: a2 + a3, -(d4 + d6), d1 - d5, as in the maker's figure.
-        ("ur3e", [-0.45675, -0.22315 - 0.03, 0.0665]),
-        ("ur20", [-1.5907, -0.3553 - 0.03, 0.077]),
+        ("ur3e", ZERO, [-0.45675, -0.22315 - 0.03, 0.0665]),
+        ("ur5", ZERO, [-0.81725, -0.19145 - 0.03, -0.005491]),
+        ("ur10e", ZERO, [-1.18425, -0.2907 - 0.03, 0.06085]),
+        ("ur20", ZERO, [-1.5907, -0.3553 - 0.03, 0.077]),
+        # Upright: d1 - a2 - a3 + d5.
+        ("ur5", UPRIGHT, [0, -0.19145 - 0.03, 1.001059]),
+        ("ur10e", UPRIGHT, [0, -0.2907 - 0.03, 1.4848]),
         # Upright: 0.36 + 0.42 + 0.4 + 0.126 = 1.306 m, the flange's height; 1.266 m for the 7.
-        ("iiwa14_r820", [0, 0, 1.306 + 0.03]),
-        ("iiwa7_r800", [0, 0, 1.266 + 0.03]),
+        ("iiwa14_r820", ZERO, [0, 0, 1.306 + 0.03]),
+        ("iiwa7_r800", ZERO, [0, 0, 1.266 + 0.03]),
         # The flange at 0.926 m looks down; link 7's frame is 0.107 m above it.
-        ("fr3", [0.088 - 0.042, 0.042, 1.033 - 0.148]),
+        ("panda", ZERO, [0.088 - 0.042, 0.042, 1.033 - 0.148]),
+        ("fr3", ZERO, [0.088 - 0.042, 0.042, 1.033 - 0.148]),
+        # Where Franka's examples begin. In the x-z plane, with c = sqrt(1/2): the upper arm leans
+        # back by 45 degrees, the forearm is level, the hand hangs, turned by 45 degrees.
+        (
+            "panda",
+            [0, -HALF / 2, 0, -1.5 * HALF, 0, HALF, HALF / 2],
+            [0.472 - 0.2335 * C, 0.084 * C, 0.4155 + 0.3985 * C - 0.148],
+        ),
     ],
 )
-def test_zero_pose_is_the_published_one(name: str, at: list[float]) -> None:
-    np.testing.assert_allclose(start_of_tool(name, np.zeros(MODELS[name].dof)), at, atol=1e-12)
+def test_poses_are_the_published_ones(name: str, q: list[float], at: list[float]) -> None:
+    found, _ = ends_of_tool(name, np.array(q[: MODELS[name].dof], float))
+    np.testing.assert_allclose(found, at, atol=1e-12)
+
+
+def test_on_its_rail_the_ur10e_is_the_same_arm_farther_on() -> None:
+    alone, on_rail = MODELS["ur10e"], arm("ur10e_rail")
+    q = np.array([0.1, -1.0, 1.2, -1.7, -1.5, 0.3])
+    placed, moved = alone.capsules(q), on_rail.capsules(np.array([0.7, *q]))
+    for i, name in enumerate(alone.capsule_names):
+        at = moved.a[on_rail.capsule_names.index(name)]
+        np.testing.assert_allclose(at, placed.a[i] + [0.7, 0.0, 0.35], atol=1e-12)
+    assert on_rail.units[:2] == ("m", "rad")
 
 
 @pytest.mark.parametrize(

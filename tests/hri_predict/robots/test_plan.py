@@ -8,18 +8,15 @@ from hypothesis import strategies as st
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import RobotError
 from hri_predict.base.settings import Pose
-from hri_predict.protocol.messages import RobotMode, RobotState
-from hri_predict.robots.model import RobotSettings, StateMotion, load_robot
+from hri_predict.robots.model import StateMotion, load_robot
 from hri_predict.robots.plan import OnPlan, Plan
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.robots.trajectory import Trajectory, load_trajectory
+from tests.arms import arm_settings
+from tests.messages import make_state
 
-ROBOT = RobotSettings(
-    name="arm",
-    model="ur5e",
-    room_from_robot=Pose(xyz=[0.2, 0.1, 0.4]),
-    max_speed_m_s=1.0,
-    motion=StateMotion(plan="pick_and_place"),
+ROBOT = arm_settings(
+    room_from_robot=Pose(xyz=[0.2, 0.1, 0.4]), motion=StateMotion(plan="pick_and_place")
 )
 MODEL = load_robot(ROBOT, None)
 PATH = load_trajectory("pick_and_place", MODEL, None)
@@ -169,13 +166,7 @@ def test_a_tracker_finds_its_robot_on_the_plan_and_loses_it():
     for i in range(10):
         q, qd = PATH.at(1.5 + 0.02 * i)
         tracker.update(
-            RobotState(
-                robot=0,
-                mode=RobotMode.AUTOMATIC,
-                counter=i,
-                positions=tuple(q),
-                velocities=tuple(qd),
-            ),
+            make_state(tuple(q), tuple(qd), counter=i),
             now,
         )
         here = tracker.at(now + 5_000_000).on_plan
@@ -183,13 +174,7 @@ def test_a_tracker_finds_its_robot_on_the_plan_and_loses_it():
         assert here.phase_s == pytest.approx(1.5 + 0.02 * i + 0.005, abs=1e-3)
         now += 20_000_000
     tracker.update(
-        RobotState(
-            robot=0,
-            mode=RobotMode.AUTOMATIC,
-            counter=99,
-            positions=tuple(q + 0.1),
-            velocities=tuple(qd),
-        ),
+        make_state(tuple(q + 0.1), tuple(qd), counter=99),
         now,
     )
     assert tracker.at(now).on_plan is None

@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.geometry import Capsules
-from hri_predict.protocol.messages import RobotMode, RobotState
+from hri_predict.protocol.messages import RobotState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
 from hri_predict.robots.tracker import RobotTracker
 from tests.hri_predict.robots import nine_joints
 from tests.hri_predict.robots.nine_joints import LIFT, PLACED, RAIL, TWIST, UR5E
+from tests.messages import make_state
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -167,13 +168,7 @@ def test_the_bound_is_not_much_larger_than_needed(robot: RobotModel) -> None:
 
 
 def told(q: Floats, qd: Floats) -> RobotState:
-    return RobotState(
-        robot=0,
-        mode=RobotMode.AUTOMATIC,
-        counter=1,
-        positions=tuple(q.tolist()),
-        velocities=tuple(qd.tolist()),
-    )
+    return make_state(tuple(q.tolist()), tuple(qd.tolist()))
 
 
 @pytest.mark.parametrize(

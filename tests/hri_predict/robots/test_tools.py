@@ -8,10 +8,11 @@ from pydantic import ValidationError
 
 from hri_predict.base.errors import RobotError
 from hri_predict.base.settings import Pose
-from hri_predict.protocol.messages import RobotMode, RobotState
+from hri_predict.protocol.messages import RobotState
 from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.settings import RobotSettings
 from hri_predict.robots.tracker import RobotTracker
+from tests.messages import make_state
 
 MS = 1_000_000
 CLAW = {"name": "claw", "a": [0, 0, 0], "b": [0, 0, 0.1], "radius": 0.05}
@@ -63,15 +64,7 @@ def test_a_stop_measured_late_counts_for_every_tool() -> None:
 
 
 def state(counter: int, tool: Any = None, confirmed: Any = False) -> RobotState:
-    return RobotState(
-        robot=0,
-        mode=RobotMode.AUTOMATIC,
-        counter=counter,
-        positions=(0.0,) * 6,
-        velocities=(0.0,) * 6,
-        tool=tool,
-        tool_confirmed=confirmed,
-    )
+    return make_state((0.0,) * 6, counter=counter, tool=tool, tool_confirmed=confirmed)
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from hri_predict.base.errors import RobotError
 from hri_predict.base.files import data_path
-from hri_predict.base.settings import Pose
-from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
+from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.trajectory import PEAK, Trajectory, load_trajectory
+from tests.arms import arm_settings
 from tests.hri_predict.robots import mobile
 
 FILE: dict[str, Any] = yaml.safe_load(data_path("trajectories", "pick_and_place.yaml").read_text())
@@ -31,9 +31,7 @@ SHIPPED = {
 def robot(name: str, payload_kg: float) -> RobotModel:
     if name == "mobile":
         return load_robot(mobile.settings_of(payload_kg=payload_kg), None)
-    settings = RobotSettings(
-        name="arm", model=name, room_from_robot=Pose(), payload_kg=payload_kg, max_speed_m_s=1.0
-    )
+    settings = arm_settings(name, payload_kg=payload_kg)
     return load_robot(settings, None)
 
 

@@ -53,14 +53,6 @@ def test_three_hooks_that_never_answer_hold_up_neither_ticks_nor_the_end(tmp_pat
     assert took_s < 1.5 + 10  # the hooks' 2.5 s, and the assembly
 
 
-def test_on_the_virtual_clock_no_hook_sends(tmp_path):
-    with web_server() as server:
-        summary = run(cell(tmp_path, {"kind": "webhook", "url": server.url}),
-                      Options(factor=None, duration_s=2))  # fmt: skip
-        assert server.got == []
-    assert summary.alerts == []
-
-
 def test_a_replay_has_no_hooks(tmp_path):
     config = cell(tmp_path, {"kind": "webhook", "url": "http://127.0.0.1:1/"})
     assert config.node.alerts.hooks

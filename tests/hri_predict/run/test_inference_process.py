@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import threading
 
 import pytest
@@ -17,6 +16,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
+from tests.processes import python
 
 POSE = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
 STANDING = {"start": [2.5, 2.5], "script": [{"do": "wait", "seconds": 60}]}
@@ -81,10 +81,7 @@ def test_the_node_imports_neither_torch_nor_onnx_runtime(tmp_path, name):
         "finally: print([m for m in ('torch', 'onnxruntime') if m in sys.modules])"
     )
     path = config_of(tmp_path, name=name, process="auto" if name != "sinn" else True)
-    done = subprocess.run(
-        [sys.executable, "-c", script, "run", path, "--duration", "0.5", "--json"],
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+    done = python("-c", script, "run", path, "--duration", "0.5", "--json", timeout=120)
     summary, modules = done.stdout.splitlines()
     assert modules == "[]"
     assert json.loads(summary)["ticks"] > 0

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import cache
 from itertools import groupby
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,10 +17,9 @@ from hri_predict.risk.settings import RiskSettings
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
 from hri_sim.baseline_demo import BASELINE
+from tests.shared import DATA, needs_data
 
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 ENDS_S = DEMO_S + 1.0  # the baseline's zones let the robot go on a little later than sinn's
-needs_data = pytest.mark.skipif(not SHARED.is_dir(), reason="needs ../shared/data")
 
 
 class Watch(View):
@@ -205,15 +203,18 @@ def test_a_node_without_links_says_that_it_knows_no_robot():
     assert {a[1:3] for a in watch.advice} == {(Level.UNKNOWN, Reason.ROBOT_STATE_STALE)}
 
 
+def beside_the_robot(path):
+    """The demo with the person of a recording, who is placed beside the robot."""
+    room = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
+    place = {"room_from_source": room, "place": BESIDE_THE_ROBOT}
+    return config().with_source({"kind": "recording", "path": str(path)} | place)
+
+
 @needs_data
 @pytest.mark.parametrize("name", ["walking_1", pytest.param("soccer_1", marks=pytest.mark.long)])
 def test_a_real_person_near_the_robot_is_never_touched(name):
-    path = SHARED / "cmu_mocap" / "test" / f"{name}.npz"
-    pose = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
-    source = {
-        "kind": "recording", "path": str(path), "room_from_source": pose, "place": BESIDE_THE_ROBOT
-    }  # fmt: skip
-    summary, watch = play(config().with_source(source), until_exhausted=True)
+    path = DATA / "cmu_mocap" / "test" / f"{name}.npz"
+    summary, watch = play(beside_the_robot(path), until_exhausted=True)
     no_harm(summary)
     assert summary.frames_in > 300
     assert summary.min_separation_m is not None
@@ -226,7 +227,7 @@ def test_a_real_person_near_the_robot_is_never_touched(name):
 
 @needs_data
 def test_a_seated_person_without_legs_is_never_touched():
-    path = SHARED / "assembly" / "task1_human1_trial1.npz"
+    path = DATA / "assembly" / "task1_human1_trial1.npz"
     loaded = config("assembly.yaml", path=str(path))
     summary, watch = play(loaded, duration_s=6.0)
     no_harm(summary)
@@ -241,11 +242,7 @@ def test_a_seated_person_without_legs_is_never_touched():
 def test_a_walk_from_a_bvh_file_is_never_touched(tmp_path):
     """A walk of the data pack, its joints' places written as translations of a flat rig."""
     path = write_walk(tmp_path / "walk.bvh")
-    pose = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
-    source = {
-        "kind": "recording", "path": str(path), "room_from_source": pose, "place": BESIDE_THE_ROBOT
-    }  # fmt: skip
-    summary, watch = play(config().with_source(source), until_exhausted=True)
+    summary, watch = play(beside_the_robot(path), until_exhausted=True)
     no_harm(summary)
     assert summary.frames_in == WALK_FRAMES
     assert watch.gave_way
@@ -256,7 +253,7 @@ WALK_FRAMES = 150
 
 def write_walk(path):
     """A BVH of joints that carry their positions themselves (cm, y up), every second frame."""
-    recording = open_recording(SHARED / "cmu_mocap" / "test" / "walking_1.npz")
+    recording = open_recording(DATA / "cmu_mocap" / "test" / "walking_1.npz")
     names, scenes = recording.joint_map.source_joints, recording.scenes[: 2 * WALK_FRAMES : 2]
     root, *others = names
     room = np.array([scene.people[0].positions for scene in scenes])  # (F, J, 3), z up
@@ -328,3 +325,25 @@ def test_a_room_that_is_not_seen_is_never_clear():
     blind = [a for a in watch.advice if 2.1e9 <= a[0] - start < 4.0e9]
     assert {a[1] for a in blind} == {Level.UNKNOWN}
     assert watch.levels[-1] is Level.CLEAR
+
+
+@needs_data
+@pytest.mark.parametrize("located", [0, 150])
+def test_somebody_who_is_here_but_nowhere_never_becomes_clear(tmp_path, located):
+    """A recording whose ``world_ok`` is false throughout; and one where it is from a frame on."""
+    with np.load(DATA / "cmu_mocap" / "test" / "walking_1.npz") as file:
+        arrays = dict(file)
+    arrays["world_ok"] = np.arange(len(arrays["world_ok"])) < located
+    path = tmp_path / "nowhere.npz"
+    np.savez(path, **arrays)
+    summary, watch = play(beside_the_robot(path), until_exhausted=True)
+    assert summary.contacts == summary.contacts_standing == 0
+    assert not summary.counted.get("assess_failures")
+    from_ns = watch.ticks[0].now_ns + located / 120 * 1e9
+    heard = [(a.level, a.reason) for t in watch.ticks if t.now_ns >= from_ns for a in t.advices]
+    assert len(heard) > 40
+    assert Level.CLEAR not in {level for level, _ in heard}
+    if not located:
+        assert summary.counted["unlocated_people"] > 300
+        assert {level for level, _ in heard} == {Level.UNKNOWN}
+        assert heard.count((Level.UNKNOWN, Reason.PERSON_NOT_LOCATED)) > 40

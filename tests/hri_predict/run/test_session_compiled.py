@@ -2,10 +2,10 @@
 
 import json
 import os
-import subprocess
-import sys
 
 import pytest
+
+from tests.processes import python
 
 RUN = """
 import json
@@ -29,13 +29,7 @@ print(json.dumps(watch.rows))
 
 
 def advice(compiled):
-    done = subprocess.run(
-        [sys.executable, "-c", RUN],
-        env=os.environ | {"HRI_PREDICT_COMPILED": compiled},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = python("-c", RUN, env=os.environ | {"HRI_PREDICT_COMPILED": compiled}, check=True)
     return json.loads(done.stdout)
 
 

@@ -91,11 +91,3 @@ def test_its_zones_on_the_wire_have_a_tight_thorax(ticks):
     assert len(radii) > 100
     # 0.215 m, and a quarter of a trunk; noise of 2 cm at each end of it
     assert 0.3 < np.median(radii) < 0.38
-
-
-@pytest.mark.long
-def test_two_runs_give_the_same_bytes(walk, tmp_path):
-    files = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
-    for file in files:
-        play(walk, record=file, predictor="constant_velocity")
-    assert files[0].read_bytes() == files[1].read_bytes()

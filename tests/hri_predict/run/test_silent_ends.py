@@ -15,6 +15,7 @@ import pytest
 import yaml
 
 from tests.silent_server import SilentServer, cell_with, started
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.realtime
 
@@ -114,7 +115,7 @@ def test_a_silent_source_ends_the_start_with_one_line(starts, kind):
 def test_a_silent_source_that_is_waited_for_holds_up_no_link(tmp_path, server):
     source = LIVE | sources(server.port)["websocket"] | {"wait_for_device": True}
     with running("run", str(cell_with(tmp_path, source=source))) as process:
-        wait_for(lambda: len(server.accepted) >= 2, START_S)  # it is tried again
+        eventually(lambda: len(server.accepted) >= 2, START_S)  # it is tried again
         ends_soon(process)
 
 
@@ -136,7 +137,7 @@ def test_a_line_that_nobody_reads_holds_up_no_other(tmp_path, deaf_line):
 def test_silent_receivers_of_alerts_are_named_and_end_with_the_node(tmp_path, server):
     cell = cell_with(tmp_path, alerts={"to": hooks(server.port)})
     with running("run", str(cell)) as process:
-        wait_for(lambda: len(server.accepted) >= 5, START_S)
+        eventually(lambda: len(server.accepted) >= 5, START_S)
         names = ("collector by TLS", "mail", "mail by TLS", "hook")
         hear(process, [f"alert hook {name}: no answer in time" for name in names])
         ends_soon(process)
@@ -175,10 +176,3 @@ def ends_soon(process):
     assert process.returncode == 0, said
     assert "Traceback" not in said
     return said
-
-
-def wait_for(happens, seconds):
-    end = time.monotonic() + seconds
-    while not happens():
-        assert time.monotonic() < end, "did not happen"
-        time.sleep(0.01)

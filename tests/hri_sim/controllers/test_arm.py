@@ -64,34 +64,31 @@ def moved(arm, permitted, seconds, start_ns=0, period_ns=8 * MS):
     return np.array(rows)
 
 
-def test_it_stands_until_permitted():
-    arm = SimulatedArm(
-        model=OneJoint(), trajectory=Turning(), deceleration_m_s2=2.0, acceleration_m_s2=1.0
+def arm_on(path, deceleration_m_s2, acceleration_m_s2=None, **more):
+    """One joint on a path; it accelerates as it brakes, unless told otherwise."""
+    return SimulatedArm(
+        model=OneJoint(),
+        trajectory=path,
+        deceleration_m_s2=deceleration_m_s2,
+        acceleration_m_s2=acceleration_m_s2 or deceleration_m_s2,
+        **more,
     )
+
+
+def test_it_stands_until_permitted():
+    arm = arm_on(Turning(), 2.0, 1.0)
     rows = moved(arm, 0.0, 1.0)
     assert arm.at_rest
     assert np.all(rows[:, 1:] == 0.0)
 
 
 def test_it_accelerates_uniformly_to_full_speed():
-    rows = moved(
-        SimulatedArm(
-            model=OneJoint(), trajectory=Turning(), deceleration_m_s2=2.0, acceleration_m_s2=0.5
-        ),
-        10.0,
-        4.0,
-    )
+    rows = moved(arm_on(Turning(), 2.0, 0.5), 10.0, 4.0)
     np.testing.assert_allclose(rows[:, 2], np.minimum(0.5 * rows[:, 0], 1.0), atol=1e-9)
 
 
 def test_it_stops_in_the_time_and_distance_of_uniform_deceleration():
-    arm = SimulatedArm(
-        model=OneJoint(),
-        trajectory=Turning(),
-        deceleration_m_s2=2.0,
-        acceleration_m_s2=2.0,
-        rate=1.0,
-    )
+    arm = arm_on(Turning(), 2.0, rate=1.0)
     rows = moved(arm, 0.0, 1.0, period_ns=MS)
     assert arm.at_rest
     np.testing.assert_allclose(rows[-1, 1], 1.0**2 / (2 * 2.0), rtol=1e-3)  # v^2 / 2a
@@ -100,17 +97,7 @@ def test_it_stops_in_the_time_and_distance_of_uniform_deceleration():
 
 
 def test_it_obeys_a_speed_limit_and_never_exceeds_it_once_reached():
-    rows = moved(
-        SimulatedArm(
-            model=OneJoint(),
-            trajectory=Swinging(),
-            deceleration_m_s2=3.0,
-            acceleration_m_s2=3.0,
-            rate=1.0,
-        ),
-        0.25,
-        30.0,
-    )
+    rows = moved(arm_on(Swinging(), 3.0, rate=1.0), 0.25, 30.0)
     settled = rows[rows[:, 0] > 1.6 / 3.0]
     assert settled[:, 2].max() == pytest.approx(0.25, abs=2e-3)
 
@@ -118,18 +105,14 @@ def test_it_obeys_a_speed_limit_and_never_exceeds_it_once_reached():
 @pytest.mark.parametrize("path", [Swinging(), Dwelling()])
 @pytest.mark.parametrize("limit", [0.02, 0.3, 10.0])
 def test_it_passes_turning_points_and_dwells_at_every_limit(path, limit):
-    arm = SimulatedArm(
-        model=OneJoint(), trajectory=path, deceleration_m_s2=2.0, acceleration_m_s2=2.0
-    )
+    arm = arm_on(path, 2.0)
     steps = np.diff(moved(arm, limit, 400.0, period_ns=40 * MS)[:, 1])
     assert np.sum(steps < 0) >= 1  # went round at least once
 
 
 @pytest.mark.parametrize("path", [Swinging(), Dwelling(), Turning()])
 def test_at_full_permission_it_becomes_the_trajectory_itself(path):
-    arm = SimulatedArm(
-        model=OneJoint(), trajectory=path, deceleration_m_s2=20.0, acceleration_m_s2=20.0, rate=1.0
-    )
+    arm = arm_on(path, 20.0, rate=1.0)
     rows = moved(arm, 100.0, 5.0)
     apart = np.abs(rows[:, 1] - rows[:, 0]) % path.duration_s
     np.testing.assert_allclose(np.minimum(apart, path.duration_s - apart), 0.0, atol=1e-6)
@@ -142,14 +125,7 @@ def test_at_full_permission_it_becomes_the_trajectory_itself(path):
 )
 def test_a_stop_from_anywhere_takes_at_most_speed_over_deceleration(start, deceleration, period_ms):
     path = Swinging()
-    arm = SimulatedArm(
-        model=OneJoint(),
-        trajectory=path,
-        deceleration_m_s2=deceleration,
-        acceleration_m_s2=1.0,
-        path_s=start,
-        rate=1.0,
-    )
+    arm = arm_on(path, deceleration, 1.0, path_s=start, rate=1.0)
     arm.step(0, 0.0)
     before = arm.path_s
     governed = max(abs(path.at(start)[1][0]), 0.05 * arm.peak_speed_m_s)
@@ -169,9 +145,7 @@ def test_a_stop_from_anywhere_takes_at_most_speed_over_deceleration(start, decel
 
 def test_the_same_steps_give_the_same_bits():
     def run():
-        arm = SimulatedArm(
-            model=OneJoint(), trajectory=Swinging(), deceleration_m_s2=3.0, acceleration_m_s2=1.0
-        )
+        arm = arm_on(Swinging(), 3.0, 1.0)
         return moved(arm, lambda t: abs(math.sin(t)), 10.0).tobytes()
 
     assert run() == run()
@@ -179,25 +153,13 @@ def test_the_same_steps_give_the_same_bits():
 
 @pytest.mark.parametrize("absurd", [math.nan, -1.0, -math.inf])
 def test_an_absurd_permission_stops_it(absurd):
-    arm = SimulatedArm(
-        model=OneJoint(),
-        trajectory=Turning(),
-        deceleration_m_s2=2.0,
-        acceleration_m_s2=2.0,
-        rate=1.0,
-    )
+    arm = arm_on(Turning(), 2.0, rate=1.0)
     moved(arm, absurd, 1.0)
     assert arm.at_rest
 
 
 def test_time_that_stands_or_runs_back_moves_nothing():
-    arm = SimulatedArm(
-        model=OneJoint(),
-        trajectory=Turning(),
-        deceleration_m_s2=2.0,
-        acceleration_m_s2=2.0,
-        rate=1.0,
-    )
+    arm = arm_on(Turning(), 2.0, rate=1.0)
     arm.step(100 * MS, 1.0)
     arm.step(100 * MS, 1.0)
     arm.step(50 * MS, 1.0)

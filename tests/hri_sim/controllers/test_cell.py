@@ -18,6 +18,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_sim.controllers.cell import MockCell
 from hri_sim.controllers.station import deceleration_of
+from tests.arms import arm_settings
 
 MS = 1_000_000
 START = 5_000 * MS
@@ -197,13 +198,7 @@ def test_two_runs_are_the_same_to_the_bit():
 
 
 def test_a_robot_whose_motion_is_a_trajectory_lends_it_to_its_drive():
-    arm = RobotSettings(
-        name="arm",
-        model="ur5e",
-        room_from_robot=Pose(),
-        max_speed_m_s=1.0,
-        motion={"kind": "trajectory", "file": "pick_and_place"},
-    )
+    arm = arm_settings(motion={"kind": "trajectory", "file": "pick_and_place"})
     MockCell(links=[serial({"role": "drive"})], robots=[arm], base_dir=None, clock=VirtualClock())
 
 

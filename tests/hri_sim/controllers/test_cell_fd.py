@@ -1,13 +1,11 @@
 """A mock controller over CAN FD on a bus that both processes share, in a network of its own."""
 
 import json
-import shutil
-import subprocess
 import sys
 
 import pytest
 
-NETWORK = "ip link set lo up && ip route add 239.0.0.0/8 dev lo"
+from tests.namespaces import in_namespace, why_not
 
 SCRIPT = """
 import json, time
@@ -51,26 +49,12 @@ print(json.dumps({"moved": moved, **asdict(report)}))
 """
 
 
-def in_own_network(command):
-    return subprocess.run(
-        ["unshare", "--map-root-user", "--net", "sh", "-c", f"{NETWORK} && exec {command}"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
-
-
 @pytest.mark.realtime
 def test_a_drive_on_a_shared_fd_bus_hears_and_answers():
-    for tool in ("unshare", "ip"):
-        if shutil.which(tool) is None:
-            pytest.skip(f"needs the command '{tool}' to make a network of its own")
-    allowed = in_own_network("true")
-    if allowed.returncode != 0:
-        pytest.skip(f"this machine allows no network namespace: {allowed.stderr.strip()}")
+    if reason := why_not():
+        pytest.skip(reason)
     pytest.importorskip("msgpack", reason="python-can's udp_multicast needs msgpack")
-    done = in_own_network(f"{sys.executable} -c '{SCRIPT}'")
+    done = in_namespace(f"exec {sys.executable} -c '{SCRIPT}'", 120)
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout.splitlines()[-1])
     assert report["moved"]

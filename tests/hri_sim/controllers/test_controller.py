@@ -13,19 +13,16 @@ from hri_drivers.links.framed import SerialCodec
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (
     Acknowledge,
-    Advice,
     Level,
     RobotState,
     Schema,
 )
-from hri_predict.protocol.reasons import Reason
 from hri_sim.controllers.controller import ControllerCore, ControllerSettings
+from tests.messages import make_advice
 
 MS = 1_000_000
 FULL = 1.0
-GOOD = Advice(
-    robot=0, level=Level.CLEAR, reason=Reason.NONE, speed_limit_m_s=FULL, echo=0, age_s=0.04
-)
+GOOD = make_advice(Level.CLEAR, speed_limit_m_s=FULL, echo=0, age_s=0.04)
 SCHEMA = Schema(SCHEMA_VERSION, SCHEMA_HASH)
 
 

@@ -14,14 +14,12 @@ import pytest
 from hri_drivers.links.can.link import CanCodec, CanLinkSettings
 from hri_drivers.links.framed import SerialCodec
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
-from hri_predict.protocol.messages import Advice, Level, Schema
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.messages import Level, Schema
 from hri_sim.controllers.controller import ControllerCore, ControllerSettings
+from tests.messages import make_advice
 
 MS = 1_000_000
-GOOD = Advice(
-    robot=0, level=Level.CLEAR, reason=Reason.NONE, speed_limit_m_s=1.0, echo=0, age_s=0.04
-)
+GOOD = make_advice(Level.CLEAR, speed_limit_m_s=1.0, echo=0, age_s=0.04)
 SCHEMA = Schema(SCHEMA_VERSION, SCHEMA_HASH)
 MAX_AGE_MS, SILENCE_MS = 400, 150  # max_age_s, silence_timeout_s
 

@@ -10,10 +10,8 @@ from hri_drivers.links.serial.link import SerialLinkSettings
 from hri_predict.base.arrays import Floats
 from hri_predict.base.clock import VirtualClock
 from hri_predict.base.errors import ConfigError
-from hri_predict.base.settings import Pose
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
-from hri_predict.protocol.messages import Advice, Level, RobotState, Schema
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.messages import Level, RobotState, Schema
 from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.settings import RobotSettings
 from hri_predict.robots.stopping import StoppingTable
@@ -21,7 +19,9 @@ from hri_predict.robots.trajectory import load_trajectory
 from hri_sim.controllers.cell import MockCell
 from hri_sim.controllers.station import Brakes, Drive
 from hri_sim.controllers.tools import Mounted, ToolChange, ToolChanger
+from tests.arms import arm_settings
 from tests.hri_predict.robots import mobile
+from tests.messages import make_advice
 
 MS = 1_000_000
 START = 5_000 * MS
@@ -56,14 +56,7 @@ def played(
                     echo = message.counter
                     said.append(((now - START) // MS, message))
         if (now - START) % (40 * MS) == 0:
-            go = Advice(
-                robot=0,
-                level=Level.CLEAR,
-                reason=Reason.NONE,
-                speed_limit_m_s=2.0,
-                echo=echo,
-                age_s=0.03,
-            )
+            go = make_advice(Level.CLEAR, speed_limit_m_s=2.0, echo=echo, age_s=0.03)
             for message in (Schema(SCHEMA_VERSION, SCHEMA_HASH), go):
                 for unit in codec.encode(message):
                     end.write(unit)
@@ -126,9 +119,7 @@ def test_a_base_is_said_where_it_is_and_joints_alone_are_joints() -> None:
 
 
 def test_a_rail_is_a_joint_like_others() -> None:
-    robot = RobotSettings(
-        name="arm", model="ur10e_rail", room_from_robot=Pose(), max_speed_m_s=1.0, payload_kg=5.0
-    )
+    robot = arm_settings("ur10e_rail", payload_kg=5.0)
     cell, said = played(robot, {"trajectory": "rail_pick_and_place", "start_s": 2.0}, 1500)
     rails = [state.positions[0] for _, state in said]
     assert len(said[-1][1].positions) == 7

@@ -14,11 +14,11 @@ from hri_drivers.wires.transport import pipe
 from hri_predict.base.clock import VirtualClock
 from hri_predict.base.settings import Pose
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
-from hri_predict.protocol.messages import Advice, Level, Schema
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.messages import Level, Schema
 from hri_predict.robots.model import RobotSettings
 from hri_sim.controllers.cell import MockCell
 from hri_sim.faults.injector import FaultyTransport
+from tests.messages import make_advice
 
 MS = 1_000_000
 ARM = RobotSettings(name="arm", model="ur5e", room_from_robot=Pose(), max_speed_m_s=1.0)
@@ -83,15 +83,7 @@ def run(kind, fault, seconds=6.5):
         if tick <= now:
             if (tick - start) // (EVERY_MS * MS) % 66 == 0:  # once a second
                 link.post(Schema(SCHEMA_VERSION, SCHEMA_HASH))
-            link.post(
-                Advice(
-                    robot=0,
-                    level=Level.CLEAR,
-                    reason=Reason.NONE,
-                    speed_limit_m_s=1.0,
-                    capture_ns=now - 30 * MS,
-                )
-            )
+            link.post(make_advice(Level.CLEAR, speed_limit_m_s=1.0, capture_ns=now - 30 * MS))
             link.service(now)
             link.take()
             tick += EVERY_MS * MS

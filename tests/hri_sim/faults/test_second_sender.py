@@ -7,10 +7,11 @@ import pytest
 from hri_drivers.wires.transport import pipe
 from hri_predict.base.clock import VirtualClock
 from hri_predict.protocol.can import CanReceiver, CanSender
-from hri_predict.protocol.messages import Advice, Level, RobotMode, RobotState, Schema, Status
+from hri_predict.protocol.messages import Advice, Level, RobotState, Schema, Status
 from hri_predict.protocol.reception import OURS
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
 from hri_sim.faults.link_faults import FaultyTransport
+from tests.messages import make_state
 
 STEP_NS = 20_000_000
 ENDS: dict[str, Any] = {
@@ -21,9 +22,7 @@ ENDS: dict[str, Any] = {
 
 
 def state(counter):
-    return RobotState(
-        robot=1, mode=RobotMode.AUTOMATIC, counter=counter, positions=(0.1,), velocities=(0.0,)
-    )
+    return make_state((0.1,), counter=counter, robot=1)
 
 
 def told(kind, direction, seconds=1.0):

@@ -51,36 +51,31 @@ def test_the_wall_behind_a_thin_limb_does_not_count():
     assert off_m(found, "left_knee") < 0.15
 
 
-def test_a_joint_whose_pixel_is_on_the_wall_is_not_observed():
+MISSING = [0.0, np.nan, np.inf, -1.0, 99.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "depth_m"),
+    [
+        ("left_knee", WALL_M),
+        ("left_elbow", 1.8),  # a robot's arm before it
+        *(("left_hip", missing) for missing in MISSING),
+    ],
+)
+def test_depth_that_is_not_the_bodys_places_no_joint(name, depth_m):
     seen, depth = picture()
-    knee = JOINTS.index("left_knee")
-    x, y = np.rint(seen.pixels[knee]).astype(int)
-    depth[y - 8 : y + 9, x - 8 : x + 9] = WALL_M
+    joint = JOINTS.index(name)
+    x, y = np.rint(seen.pixels[joint]).astype(int)
+    depth[y - 8 : y + 9, x - 8 : x + 9] = depth_m
     found = place_by_depth(seen, depth, CAMERA)
     assert isinstance(found, Placed)
-    assert not found.observed[knee]
+    assert not found.observed[joint]
     assert found.observed[JOINTS.index("right_knee")]
 
 
-def test_what_stands_before_a_joint_is_not_the_joint():
+@pytest.mark.parametrize("missing", MISSING)
+def test_a_picture_without_depth_is_not_a_place(missing):
     seen, depth = picture()
-    elbow = JOINTS.index("left_elbow")
-    x, y = np.rint(seen.pixels[elbow]).astype(int)
-    depth[y - 8 : y + 9, x - 8 : x + 9] = 1.8  # a robot's arm
-    found = place_by_depth(seen, depth, CAMERA)
-    assert isinstance(found, Placed)
-    assert not found.observed[elbow]
-
-
-@pytest.mark.parametrize("missing", [0.0, np.nan, np.inf, -1.0, 99.0])
-def test_missing_depth_is_not_a_place(missing):
-    seen, depth = picture()
-    hip = JOINTS.index("left_hip")
-    x, y = np.rint(seen.pixels[hip]).astype(int)
-    depth[y - 8 : y + 9, x - 8 : x + 9] = missing
-    found = place_by_depth(seen, depth, CAMERA)
-    assert isinstance(found, Placed)
-    assert not found.observed[hip]
     assert isinstance(place_by_depth(seen, np.full_like(depth, missing), CAMERA), Unplaced)
 
 

@@ -6,9 +6,8 @@ Not a test itself: what the tests of CAN links share.
 import contextlib
 import itertools
 import threading
-import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import isotp
@@ -19,17 +18,10 @@ from hri_predict.base.clock import MonotonicClock
 from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
 from hri_predict.protocol.profile4 import Profile4Receiver
 from hri_sim.wires.slcan_adapter import SlcanAdapter, open_pty
+from tests.waiting import eventually
 
 MULTICAST = "239.74.163.2"
 CHANNELS = itertools.count()
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 30.0) -> None:
-    """Wait for something that another thread does; the limit only ends a test that fails."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.003)
 
 
 class Controller:

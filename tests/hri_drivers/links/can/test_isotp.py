@@ -28,17 +28,17 @@ from hri_predict.protocol.generate.isotp import EXAMPLE
 from hri_predict.protocol.messages import (
     Advice,
     Level,
-    NodeState,
     Pose,
     Schema,
-    Status,
     Zone,
     ZoneCapsule,
 )
 from hri_predict.protocol.profile4 import MAX_WHOLE, Profile4Receiver, Profile4Sender
 from hri_predict.protocol.reasons import Reason
 from hri_sim.wires.slcan_adapter import SlcanAdapter, open_pty
-from tests.hri_drivers.links.can.can_pairs import connected, eventually
+from tests.hri_drivers.links.can.can_pairs import connected
+from tests.messages import make_status
+from tests.waiting import eventually
 
 OWN, PEER = 0x6C6, 0x6C7
 GO_ON = CanFrame(PEER, b"\x30\x00\x00")
@@ -269,9 +269,7 @@ def test_a_listener_takes_no_zone_with_wrong_bits(data):
 
 def test_a_listener_takes_no_advice_by_this_way_and_no_zone_twice():
     receiver = IsoTpReceiver(0x680, False, OWN)
-    status = Status(
-        node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, predictor=0, cycle=0
-    )
+    status = make_status(cycle=0)
     assert [m for f in segments(status) for m in receiver.feed(f)] == []
     assert receiver.counters.malformed == 1
     frames = segments(zone()) * 2

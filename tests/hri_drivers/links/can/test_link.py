@@ -7,8 +7,6 @@ import os
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,28 +19,15 @@ from hri_drivers.wires.transport import TransportBusy
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
-from hri_predict.protocol.messages import Acknowledge, Advice, Level
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.messages import Acknowledge
 from hri_sim.wires.slcan_adapter import SlcanAdapter, open_pty
+from tests.hri_drivers.links.pairs import advice, more
+from tests.namespaces import in_namespace, why_not
+from tests.processes import python
+from tests.waiting import eventually
 
 TALK = Path(__file__).with_name("dbc_talk.py")
 FAST = {"sleep_after_open": 0}
-
-
-def advice(latch_id: int) -> Advice:
-    return Advice(robot=0, level=Level.STOP, reason=Reason.PERSON_NEAR, latch_id=latch_id)
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.005)
-
-
-def more(into: list[Any], new: list[Any]) -> list[Any]:
-    into += new
-    return into
 
 
 class Controller:
@@ -69,17 +54,8 @@ class Controller:
         self.adapter.close()
 
 
-@pytest.mark.realtime
-@pytest.mark.parametrize("fd", [[], ["fd"]], ids=["classic", "fd"])
-def test_cantools_in_another_process_decodes_what_the_node_sent(fd):
-    """Slcan over a pseudo-terminal, both ways, random messages, the shipped DBC."""
-    done = subprocess.run(
-        [sys.executable, str(TALK), "node", "slcan", *fd],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+def agreed(done: "subprocess.CompletedProcess[str]") -> None:
+    """Fail unless the listener heard all that was sent, and the node all that was answered."""
     assert done.returncode == 0, done.stderr
     outcome = json.loads(done.stdout)
     assert outcome["wrong"] == []
@@ -90,6 +66,22 @@ def test_cantools_in_another_process_decodes_what_the_node_sent(fd):
     assert len(outcome["states"]) > 30
     errors = ("crc_errors", "counter_errors", "malformed", "incomplete", "write_errors")
     assert not any(outcome["counters"][name] for name in errors)
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize("fd", [[], ["fd"]], ids=["classic", "fd"])
+def test_cantools_in_another_process_decodes_what_the_node_sent(fd):
+    """Slcan over a pseudo-terminal, both ways, random messages, the shipped DBC."""
+    agreed(python(TALK, "node", "slcan", *fd, timeout=120))
+
+
+@pytest.mark.realtime
+@pytest.mark.long
+def test_cantools_in_another_process_decodes_fd_frames_over_udp_multicast():
+    if reason := why_not():
+        pytest.skip(reason)
+    pytest.importorskip("msgpack", reason="python-can's udp_multicast needs msgpack")
+    agreed(in_namespace(f"exec {sys.executable} {TALK} node udp_multicast fd", 120))
 
 
 def test_an_adapter_unplugged_and_plugged_in_again(tmp_path: Path):
@@ -193,39 +185,26 @@ def test_only_garbage_gets_the_interface_reopened(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "error",
+    ("error", "busy"),
     [
-        can.CanOperationError("Failed to transmit: No buffer space available", 105),
-        can.CanOperationError("Transmit buffer full"),
-        can.CanTimeoutError("timed out"),
+        (can.CanOperationError("Failed to transmit: No buffer space available", 105), True),
+        (can.CanOperationError("Transmit buffer full"), True),
+        (can.CanTimeoutError("timed out"), True),
+        (can.CanOperationError("Failed to transmit: Network is down", 100), False),
     ],
 )
-def test_a_full_transmit_queue_means_not_now(monkeypatch, error):
+def test_a_full_transmit_queue_means_not_now_and_another_error_lost(monkeypatch, error, busy):
     transport = CanTransport(interface="virtual", channel="full")
     transport.open()
 
-    def full(message: Any, timeout: Any = None) -> None:
+    def fails(message: Any, timeout: Any = None) -> None:
         raise error
 
     assert transport._bus is not None
-    monkeypatch.setattr(transport._bus, "send", full)
-    with pytest.raises(TransportBusy, match="transmit queue full"):
+    monkeypatch.setattr(transport._bus, "send", fails)
+    with pytest.raises(LinkError, match="transmit queue full" if busy else "lost") as caught:
         transport.write(CanFrame(1, b""))
-    transport.close()
-
-
-def test_another_error_of_sending_means_lost(monkeypatch):
-    transport = CanTransport(interface="virtual", channel="down")
-    transport.open()
-
-    def down(message: Any, timeout: Any = None) -> None:
-        raise can.CanOperationError("Failed to transmit: Network is down", 100)
-
-    assert transport._bus is not None
-    monkeypatch.setattr(transport._bus, "send", down)
-    with pytest.raises(LinkError, match="lost") as caught:
-        transport.write(CanFrame(1, b""))
-    assert not isinstance(caught.value, TransportBusy)
+    assert isinstance(caught.value, TransportBusy) is busy
     transport.close()
 
 

@@ -19,17 +19,15 @@ from hri_predict.protocol.messages import (
     Advice,
     Level,
     Message,
-    NodeState,
-    RobotMode,
-    RobotState,
     Schema,
-    Status,
     Zone,
     ZoneCapsule,
 )
 from hri_predict.protocol.reasons import Reason
 from hri_sim.wires.slcan_adapter import SlcanAdapter, open_pty
-from tests.hri_drivers.links.can.can_pairs import CHANNELS, Controller, connected, eventually
+from tests.hri_drivers.links.can.can_pairs import CHANNELS, Controller, connected
+from tests.messages import make_advice, make_state, make_status
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.realtime
 FORMATS = [".blf", ".log"]  # Vector's binary log, and can-utils' candump
@@ -43,19 +41,13 @@ ZONE = Zone(
 
 
 def said_by_node() -> list[Message]:
-    status = Status(
-        node_state=NodeState.RUNNING, reason=Reason.NONE, people=1, predictor=0, cycle=7
-    )
-    slow = Advice(
-        robot=0, level=Level.SLOW, reason=Reason.PERSON_NEAR, latch_id=5, speed_limit_m_s=0.25
-    )
+    status = make_status(people=1, cycle=7)
+    slow = make_advice(Level.SLOW, Reason.PERSON_NEAR, latch_id=5, speed_limit_m_s=0.25)
     return [slow, status, Schema(1, 2), ZONE]
 
 
 def said_by_controller() -> list[Message]:
-    state = RobotState(
-        robot=0, mode=RobotMode.AUTOMATIC, counter=41, positions=(0.25,) * 6, velocities=(0.0,) * 6
-    )
+    state = make_state((0.25,) * 6, counter=41)
     return [state, Acknowledge(5, 77)]
 
 

@@ -12,7 +12,6 @@ from hri_drivers.wires.transport import pipe
 from hri_predict.base.clock import VirtualClock
 from hri_predict.protocol.can import CanFrame, CanSender
 from hri_predict.protocol.messages import NodeState, Status
-from hri_predict.protocol.own_frames import PAIR_NS
 from hri_predict.protocol.profile4 import Profile4Sender
 from hri_predict.protocol.reasons import Reason
 from tests.hri_drivers.links.can.test_isotp import segments, zone
@@ -47,19 +46,6 @@ def status(cycle):
 def frames_of(*messages, fd=False):
     sender = CanSender(fd)
     return [frame for message in messages for frame in sender.encode(message)]
-
-
-@pytest.mark.parametrize("fd", [False, True])
-def test_two_whole_frames_within_half_a_second_prove_a_second_sender(fd):
-    link, wire = two_on_a_bus(VirtualClock(), fd=fd)
-    link.service(0)
-    wire._transport.open()
-    frames = frames_of(*(status(k) for k in range(4)), fd=fd)
-    for k, at_ns in enumerate((10, 10 + PAIR_NS + 1, 20 + PAIR_NS)):
-        wire._transport.write(frames[k])
-        link.service(at_ns)
-        assert link.counters.foreign == k + 1
-        assert link.foreign_ns == (at_ns if k == 2 else None)
 
 
 def test_a_second_sender_is_found_in_its_first_cycle():

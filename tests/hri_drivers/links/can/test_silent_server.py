@@ -13,8 +13,8 @@ from hri_drivers.links.can.transport import CanTransport
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.run import config as configuration
-from tests.hri_drivers.links.can.can_pairs import eventually
 from tests.silent_server import SilentServer, started
+from tests.waiting import eventually
 
 SHORT_S = 0.3
 """Longer than a local connection takes, by a factor of a hundred."""

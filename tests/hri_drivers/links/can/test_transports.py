@@ -18,24 +18,22 @@ from hri_predict.protocol.messages import (
     Level,
     NodeState,
     Pose,
-    RobotMode,
-    RobotState,
     Schema,
     Status,
     Zone,
     ZoneCapsule,
 )
 from hri_predict.protocol.reasons import Reason
-from tests.hri_drivers.links.can.can_pairs import connected, eventually
-from tests.hri_drivers.links.can.test_udp_multicast_fd import in_namespace, why_not
+from tests.hri_drivers.links.can.can_pairs import connected
+from tests.messages import make_advice, make_state
+from tests.namespaces import in_namespace, why_not
+from tests.waiting import eventually
 
 IN_NAMESPACE = "HRI_UDP_MULTICAST" in os.environ
 INTERFACES = ["udp_multicast"] if IN_NAMESPACE else ["virtual", "slcan"]
 KINDS = [interface + fd for interface in INTERFACES for fd in ("", " fd")]
 PEER = {"peer_id": 0x6C7}
-STATE = RobotState(
-    robot=1, mode=RobotMode.AUTOMATIC, counter=9, positions=(0.25,) * 6, velocities=(0.0,) * 6
-)
+STATE = make_state((0.25,) * 6, counter=9, robot=1)
 STATUS = Status(node_state=NodeState.RUNNING, reason=Reason.NONE, people=1, predictor=0, cycle=7)
 ERRORS = ["crc_errors", "counter_errors", "malformed", "incomplete", "write_errors"]
 ERRORS += [] if IN_NAMESPACE else ["unexpected"]  # udp_multicast gives us back what we sent
@@ -49,12 +47,8 @@ def kind(request):
 
 
 def advice(latch_id: int = 0) -> Advice:
-    return Advice(
-        robot=1,
-        level=Level.SLOW,
-        reason=Reason.PERSON_NEAR,
-        latch_id=latch_id,
-        speed_limit_m_s=0.25,
+    return make_advice(
+        Level.SLOW, Reason.PERSON_NEAR, robot=1, latch_id=latch_id, speed_limit_m_s=0.25
     )
 
 

@@ -24,10 +24,10 @@ from hri_drivers.links.can.transport import CanTransport
 from hri_predict.base.clock import MonotonicClock, VirtualClock
 from hri_predict.base.errors import LinkError
 from hri_predict.protocol.can import CanSender
-from hri_predict.protocol.messages import Acknowledge, Advice, Level
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.messages import Acknowledge
 from hri_sim.faults.link_faults import FaultyTransport
-from tests.hri_drivers.links.can.can_pairs import eventually
+from tests.hri_drivers.links.pairs import advice, more
+from tests.waiting import eventually
 
 PASSIVE = can.Message(
     is_error_frame=True, arbitration_id=0x004, is_extended_id=False, data=b"\0\x20\0\0\0\0\x80\0"
@@ -114,15 +114,6 @@ def started(**more: Any):
         link.stop()
 
 
-def advice(latch_id: int) -> Advice:
-    return Advice(robot=0, level=Level.STOP, reason=Reason.PERSON_NEAR, latch_id=latch_id)
-
-
-def more(into: list[Any], new: list[Any]) -> list[Any]:
-    into += new
-    return into
-
-
 def hear(kernel: Kernel, message: Any) -> None:
     for frame in CanSender().encode(message):
         kernel.heard.put(
@@ -151,32 +142,6 @@ def test_bus_off_is_told_and_the_link_comes_back_by_itself(kernel):
         received: list[Any] = []
         eventually(lambda: received or more(received, link.take()))
         assert received[0].message == Acknowledge(2, 9)
-
-
-@pytest.mark.realtime
-def test_a_full_transmit_queue_costs_no_newer_advice(kernel):
-    with started() as link:
-        kernel.send_error = errno.ENOBUFS
-        for latch_id in range(1, 6):
-            link.post(advice(latch_id))
-        eventually(lambda: link.counters.write_errors > 3)
-        assert "transmit queue full" in str(link.last_error)
-        assert kernel.sent == []
-        kernel.send_error = None
-        eventually(lambda: len(kernel.sent) >= 3)
-        assert kernel.sent[2].data[2] == 5  # LATCH_ID's low byte: the newest
-        assert link.connected
-
-
-@pytest.mark.realtime
-def test_a_queue_that_stays_full_gets_the_interface_opened_afresh(kernel):
-    with started() as link:
-        kernel.send_error = errno.ENOBUFS
-        link.post(advice(1))
-        eventually(lambda: kernel.opened > 1)
-        kernel.send_error = None
-        eventually(lambda: len(kernel.sent) >= 3)
-        assert link.counters.disconnects >= 1
 
 
 @pytest.mark.realtime

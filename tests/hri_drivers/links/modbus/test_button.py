@@ -11,7 +11,7 @@ from hri_predict.base.clock import MonotonicClock
 from hri_predict.protocol.messages import Acknowledge, Advice, Level
 from hri_predict.protocol.reasons import Reason
 from tests import pages
-from tests.hri_drivers.links.rtde.rtde_robot import eventually
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.realtime
 PATIENT_S = 2.0  # silence on a machine that is busy with other things

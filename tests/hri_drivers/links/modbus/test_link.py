@@ -21,13 +21,11 @@ from hri_predict.base.errors import LinkError
 from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import (
     Acknowledge,
-    Advice,
     Level,
     NodeState,
     RobotState,
     Status,
 )
-from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.registers import (
     NEAREST,
     NODE,
@@ -41,13 +39,11 @@ from hri_predict.protocol.registers import (
 from hri_predict.protocol.wire import StateShape
 from hri_predict.robots.settings import RobotSettings
 from tests.hri_drivers.links.plant.test_codec import ADVICE, STATUS, ZONE, state_words
-from tests.hri_drivers.links.rtde.rtde_robot import eventually
+from tests.messages import make_advice
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.realtime
-CLEAR = Advice(
-    robot=0, level=Level.CLEAR, reason=Reason.NONE, speed_limit_m_s=0.8, age_s=0.05, latch_id=77
-)
-SECOND_NS = 1_000_000_000
+CLEAR = make_advice(Level.CLEAR, speed_limit_m_s=0.8, age_s=0.05, latch_id=77)
 
 
 class Plc:

@@ -10,7 +10,7 @@ pytest.importorskip("pymodbus", reason="pymodbus is not installed: the link cann
 from hri_predict.protocol.messages import Acknowledge, SetChoice
 from tests.hri_drivers.links.modbus.test_link import link, plc
 from tests.hri_drivers.links.plant.test_codec import STATUS
-from tests.hri_drivers.links.rtde.rtde_robot import eventually
+from tests.waiting import eventually
 
 __all__ = ["link", "plc"]  # the fixtures
 pytestmark = pytest.mark.realtime

@@ -15,7 +15,7 @@ from hri_predict.protocol.wire import StateShape
 from hri_predict.robots.settings import RobotSettings
 from hri_sim.robot_server.process import ServerProcess
 from tests.hri_drivers.links.polled.servers import made, states
-from tests.hri_drivers.links.rtde.rtde_robot import eventually
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.realtime
 

@@ -20,14 +20,12 @@ from hri_drivers.links.opcua.link import OpcUaLink, OpcUaLinkSettings
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.settings import Pose
-from hri_predict.protocol.messages import Acknowledge, Advice, Level, SetChoice
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.messages import Acknowledge, Level, SetChoice
 from tests.hri_drivers.links.plant.test_codec import STATUS
-from tests.hri_drivers.links.rtde.rtde_robot import eventually
+from tests.messages import make_advice
+from tests.waiting import eventually
 
-CLEAR = Advice(
-    robot=0, level=Level.CLEAR, reason=Reason.NONE, speed_limit_m_s=0.8, age_s=0.05, latch_id=77
-)
+CLEAR = make_advice(Level.CLEAR, speed_limit_m_s=0.8, age_s=0.05, latch_id=77)
 NAMES = ["Robots.0.LEVEL", "Robots.0.SPEED_LIMIT", "Robots.0.NEAREST", "Node.HEARTBEAT"]
 WAIT_S = 60.0  # two processes start, on a machine that does other things
 SILENCE_S = 0.06

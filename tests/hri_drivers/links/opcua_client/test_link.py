@@ -10,7 +10,7 @@ from hri_predict.base.errors import LinkError
 from hri_predict.protocol.messages import RobotMode
 from hri_sim.robot_server.process import ServerProcess
 from tests.hri_drivers.links.polled.servers import made, states
-from tests.hri_drivers.links.rtde.rtde_robot import eventually
+from tests.waiting import eventually
 
 pytestmark = [pytest.mark.realtime, pytest.mark.long]  # its server takes seconds to start
 

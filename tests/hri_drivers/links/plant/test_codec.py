@@ -14,11 +14,9 @@ from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
     Level,
-    NodeState,
     RobotMode,
     RobotState,
     SetChoice,
-    Status,
     Zone,
     ZoneCapsule,
 )
@@ -35,6 +33,7 @@ from hri_predict.protocol.registers import (
     state_address,
     unpacked,
 )
+from tests.messages import make_state, make_status
 
 ADVICE = Advice(
     robot=1,
@@ -45,9 +44,7 @@ ADVICE = Advice(
     speed_limit_m_s=0.2509,
     age_s=0.0801,
 )
-STATUS = Status(
-    node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, predictor=0, cycle=1, age_s=0.05
-)
+STATUS = make_status(age_s=0.05)
 BODY = ZoneCapsule(0, (0.0, 2.0, 0.0), (0.0, 2.0, 1.7), 0.2)
 ZONE = Zone(person=5, step=0, horizon_s=0.0, capsules=(BODY,), age_s=0.05)
 
@@ -198,13 +195,7 @@ def state_words(**values: int) -> list[int]:
 
 def test_a_state_is_read_in_radians(codec):
     (state,) = codec.decode(Block.of(state_address(1), state_words()))
-    assert state == RobotState(
-        robot=1,
-        mode=RobotMode.AUTOMATIC,
-        counter=7,
-        positions=(-0.5, 0, 0, 0, 0, 0),
-        velocities=(0, 0.25, 0, 0, 0, 0),
-    )
+    assert state == make_state((-0.5, 0, 0, 0, 0, 0), (0, 0.25, 0, 0, 0, 0), counter=7, robot=1)
 
 
 def test_what_a_plc_does_not_know_is_not_a_position(codec):

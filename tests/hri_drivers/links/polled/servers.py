@@ -8,7 +8,7 @@ from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.files import data_path
 from hri_predict.base.settings import validated
 from hri_predict.contracts import registry
-from tests.hri_drivers.links.rtde.rtde_robot import eventually
+from tests.waiting import eventually
 
 PATIENT = {"reply_timeout_s": 2.0, "max_state_age_s": 1.0, "wait_for_device": True}
 """A machine with much else to do answers late."""

@@ -16,7 +16,6 @@ from hri_predict.base.clock import MonotonicClock
 from hri_predict.library.conformance.messages import state, status, zone
 from hri_predict.protocol.messages import (
     Acknowledge,
-    Advice,
     Level,
     Message,
     Pose,
@@ -25,6 +24,8 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.protocol.reasons import Reason
 from tests.hri_drivers.links.ros2.programs import ADVISOR, FOLLOWER, LISTENER, Program
+from tests.messages import make_advice
+from tests.waiting import eventually
 
 pytest.importorskip("rclpy", reason="needs the extra ros2, or a sourced ROS 2 installation")
 pytestmark = [pytest.mark.long, pytest.mark.realtime]
@@ -32,13 +33,8 @@ pytestmark = [pytest.mark.long, pytest.mark.realtime]
 FOLLOWERS_SILENCE_S = 0.2
 SCHEDULING_S = 0.3
 """Allowance for a busy machine, beyond the follower's timer of 10 ms."""
-ADVICE = Advice(
-    robot=0,
-    level=Level.SLOW,
-    reason=Reason.PERSON_NEAR,
-    speed_limit_m_s=0.5,
-    separation_m=1.2,
-    age_s=0.03,
+ADVICE = make_advice(
+    Level.SLOW, Reason.PERSON_NEAR, speed_limit_m_s=0.5, separation_m=1.2, age_s=0.03
 )
 POSE = Pose(
     person=3, step=12, horizon_s=0.5, joints=tuple((j, 0.1 * j, 0.2, 1.0) for j in range(21))
@@ -47,15 +43,6 @@ ALL = (
     "/hri/frames", "/hri/robot_0/speed_fraction", "/hri/robot_0/speed_ovr", "/hri/robot_0/advice",
     "/diagnostics", "/hri/zones", "/hri/forecast_markers", "/hri/forecast",
 )  # fmt: skip
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> Any:
-    """Wait for something that another process does; the limit only ends a test that fails."""
-    deadline = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.01)
-    return found
 
 
 @pytest.fixture

@@ -4,20 +4,9 @@ import json
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable
 from typing import Any
 
 PATIENCE_S = 20.0
-
-
-def eventually(condition: Callable[[], Any], seconds: float = PATIENCE_S) -> Any:
-    """Wait for what another process does; the limit only ends a test that fails."""
-    deadline = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.005)
-    return found
 
 
 class Robot:

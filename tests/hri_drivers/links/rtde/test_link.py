@@ -17,8 +17,9 @@ from hri_predict.protocol.messages import Advice, Level, RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.wire import StateShape
 from hri_predict.robots.settings import RobotSettings
-from tests.hri_drivers.links.rtde.rtde_robot import Robot, eventually
+from tests.hri_drivers.links.rtde.rtde_robot import Robot
 from tests.silent_server import SilentServer
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.realtime
 Make = Callable[..., RtdeLink]

@@ -5,8 +5,7 @@ import itertools
 import socket
 import termios
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -20,21 +19,11 @@ from hri_drivers.wires.transport import TransportBusy
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.contracts.link import check_load
-from hri_predict.protocol.messages import Acknowledge, Advice, Level
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.messages import Acknowledge
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
 from hri_sim.wires.pty import PtyTransport, open_pty
-
-
-def advice(latch_id: int, robot: int = 0) -> Advice:
-    return Advice(robot=robot, level=Level.STOP, reason=Reason.PERSON_NEAR, latch_id=latch_id)
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.005)
+from tests.hri_drivers.links.pairs import advice, more
+from tests.waiting import eventually
 
 
 @pytest.fixture
@@ -50,11 +39,6 @@ def url(scheme: str, server: socket.socket) -> str:
 
 def link_on(port: str) -> SerialLink:
     return SerialLink(SerialLinkSettings(name="cell", port=port), MonotonicClock())
-
-
-def more(into: list[Any], new: list[Any]) -> list[Any]:
-    into += new
-    return into
 
 
 def hear(peer: socket.socket, messages: int) -> list[Any]:

@@ -1,10 +1,8 @@
 """The zenoh link over real sessions on loopback: keys, taking, cut and healed connections."""
 
 import json
-import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -26,25 +24,16 @@ from hri_predict.protocol.messages import (
     Level,
     Message,
     NodeState,
-    RobotMode,
-    RobotState,
     Schema,
     Status,
 )
 from hri_predict.protocol.reasons import Reason
 from hri_sim.faults.link_faults import FaultyTransport
+from tests.messages import make_state
+from tests.waiting import eventually, free_port
 
 STATUS = Status(node_state=NodeState.RUNNING, reason=Reason.NONE, people=1, predictor=0, cycle=7)
-STATE = RobotState(
-    robot=0, mode=RobotMode.AUTOMATIC, counter=4711, positions=(0.5,) * 6, velocities=(0.0,) * 6
-)
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+STATE = make_state((0.5,) * 6, counter=4711)
 
 
 def posted_until(link: ZenohLink, message: Message, condition: Callable[[], Any]) -> None:
@@ -55,14 +44,6 @@ def posted_until(link: ZenohLink, message: Message, condition: Callable[[], Any]
         return condition()
 
     eventually(posted)
-
-
-def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> None:
-    """Wait for what another thread does; the limit only ends a test that fails."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.01)
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from hri_predict.base.machine.compiled import why_not_compiled
+from tests.processes import python
 
 KERNEL = """
 import numpy as np
@@ -37,14 +38,7 @@ def run(folder: Path, **environment: str) -> str:
     (folder / "loops.py").write_text(KERNEL, encoding="utf-8")
     whole = {**os.environ, "HOME": str(folder / "home"), **environment}
     whole.pop("XDG_CACHE_HOME", None)
-    done = subprocess.run(
-        [sys.executable, "loops.py"],
-        cwd=folder,
-        env=whole,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = python("loops.py", cwd=folder, env=whole, check=True)
     return done.stdout.strip()
 
 
@@ -105,10 +99,7 @@ def test_a_kept_copy_whose_types_have_moved_is_made_again(tmp_path):
     for name in ("Before", "After", "After"):
         (tmp_path / "caller.py").write_text(MOVED.replace("NAME", name))
         code = "import caller; print(caller.is_compiled(), caller.total(caller.NAME(3.0)))"
-        done = subprocess.run(
-            [sys.executable, "-c", code.replace("NAME", name)],
-            cwd=tmp_path, env=environment, capture_output=True, text=True, check=True,
-        )  # fmt: skip
+        done = python("-c", code.replace("NAME", name), cwd=tmp_path, env=environment, check=True)
         assert done.stdout.strip() == "True 6.0"
         assert done.stderr == ""
 
@@ -132,14 +123,7 @@ def test_a_loop_that_cannot_be_compiled_falls_back_to_arrays_with_one_line(tmp_p
     pytest.importorskip("numba", reason="extra accel is not installed")
     (tmp_path / "failing.py").write_text(FAILING, encoding="utf-8")
     environment = {**os.environ, "HRI_PREDICT_CACHE": ""}
-    done = subprocess.run(
-        [sys.executable, "failing.py"],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = python("failing.py", cwd=tmp_path, env=environment, check=True)
     assert done.stdout.split() == ["2", "3", "3"]
     assert done.stderr.count("compiled loops fail") == 1
 

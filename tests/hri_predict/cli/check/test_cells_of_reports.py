@@ -4,25 +4,15 @@ The inputs are shared ones, so that others read the same.
 """
 
 import re
-import sys
 
 import pytest
 
-from hri_predict import cli
 from tests.cases import CASES
+from tests.commands import status_of as run
 
 CELLS = CASES / "cells"
 pytestmark = pytest.mark.skipif(not CELLS.is_dir(), reason=f"needs {CELLS}")
 STOP = ["--deceleration", "2", "--brake-delay", "0.1", "--payload-kg", "1"]
-
-
-def run(*arguments: str) -> int:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["hri-predict", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-    assert isinstance(ended.value.code, int)
-    return ended.value.code
 
 
 @pytest.mark.parametrize(

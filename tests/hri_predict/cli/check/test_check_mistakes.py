@@ -1,10 +1,6 @@
 """``check`` tells every mistake, a line each, and ends with status 2."""
 
-import sys
-
 import pytest
-
-from hri_predict.cli import main
 
 CELL = """\
 source: {kind: procedural}
@@ -21,15 +17,11 @@ robots:
         ("rat_hz: 1\n" + CELL[27:], ["1: source: required", "1: rat_hz: unknown key"]),
     ],
 )
-def test_every_mistake_is_a_line_and_the_status_is_2(tmp_path, monkeypatch, capsys, text, lines):
+def test_every_mistake_is_a_line_and_the_status_is_2(tmp_path, cli, text, lines):
     path = tmp_path / "cell.yaml"
     path.write_text(text, encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", ["hri-predict", "check", str(path)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    out, err = capsys.readouterr()
-    assert out == ""
+    status, out, err = cli("check", path)
+    assert (status, out) == (2, "")
     for line, expected in zip(err.splitlines(), lines, strict=True):
         assert line.startswith(f"error: {path}:{expected}")
 
@@ -58,17 +50,12 @@ links:
         ("faults: []", "faults: [{kind: vanish}]", "11: links.drive.simulate.faults.0: unknown"),
     ],
 )
-def test_what_only_the_whole_cell_shows_has_its_line_too(
-    tmp_path, monkeypatch, capsys, command, old, new, line
-):
+def test_what_only_the_whole_cell_shows_has_its_line_too(tmp_path, cli, command, old, new, line):
     path = tmp_path / "cell.yaml"
     text = GOOD.replace(old, new, 1)
     if not line.startswith("7"):
         text = text.replace("[[1, 0], [2, 0], [2, 1]]", "[[6, 6], [7, 6], [7, 7]]")
     path.write_text(text, encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", ["hri-predict", command, str(path)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    err = capsys.readouterr().err.splitlines()[-1]
-    assert err.startswith(f"error: {path}:{line}"), err
+    status, _, err = cli(command, path)
+    assert status == 2
+    assert err.splitlines()[-1].startswith(f"error: {path}:{line}"), err

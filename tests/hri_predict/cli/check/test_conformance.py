@@ -1,8 +1,6 @@
 """``conformance`` on the command line: a table, JSON, an exit status, one line for a mistake."""
 
 import json
-import subprocess
-import sys
 import threading
 import time
 
@@ -15,6 +13,7 @@ from hri_predict.cli.check.conformance import ending_within
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.predictors.baselines import ZeroVelocity
+from tests.processes import python
 
 
 def run(part, capsys, **more):
@@ -119,9 +118,7 @@ def test_a_part_that_hangs_ends_in_one_line():
         "import threading; from hri_predict.cli.check.conformance import ending_within\n"
         "with ending_within(0.2, 'link:mine'): threading.Event().wait()"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
-    )
+    done = python("-c", script, timeout=60)
     assert done.returncode == 1
     assert done.stderr == "error: link:mine: hangs: not finished after 0.2 s (--limit)\n"
 

@@ -5,9 +5,9 @@ import json
 import pytest
 
 from hri_predict.cli.check import realtime
-from tests.hri_predict.cli.test_cli import cli, mistake, write
+from tests.hri_predict.cli.test_cli import mistake, write
 
-__all__ = ["cli", "mistake", "write"]
+__all__ = ["mistake", "write"]
 pytestmark = pytest.mark.realtime
 
 

@@ -2,14 +2,13 @@
 
 import json
 import shutil
-import sys
 from typing import Any
 
 import pytest
 import yaml
 
-from hri_predict.cli import main
 from hri_predict.commissioning.report import read_report, to_data
+from tests.commands import status_of
 from tests.hri_predict.commissioning.cells import cell_data, write_cell
 
 ANSWERS: dict[str, Any] = {
@@ -23,47 +22,13 @@ DEAF = [{"name": "p", "kind": "serial", "port": "/dev/none", "baudrate": 115200}
 
 
 @pytest.fixture(scope="module")
-def call():
-    """Run a command line; gives exit status, standard output and standard error."""
-
-    def run(capsys, *words):
-        before = sys.argv
-        sys.argv = ["hri-predict", *map(str, words)]
-        status: object = 0
-        try:
-            main()
-        except SystemExit as ended:
-            status = ended.code or 0
-        finally:
-            sys.argv = before
-        said = capsys.readouterr()
-        return status, said.out, said.err
-
-    return run
-
-
-@pytest.fixture
-def cli(call, capsys):
-    return lambda *words: call(capsys, *words)
-
-
-@pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A cell that was commissioned, as far as it goes without a clock; the folder is copied."""
     folder = tmp_path_factory.mktemp("cell")
     write_cell(folder, cell_data(risk={"mode": "iso"}))
     (folder / "answers.yaml").write_text(yaml.safe_dump(ANSWERS))
-    before = sys.argv
-    sys.argv = [
-        "hri-predict", "commission", str(folder / "cell.yaml"), "--out", str(folder / "out"),
-        "--answers", str(folder / "answers.yaml"),
-    ]  # fmt: skip
-    try:
-        with pytest.raises(SystemExit) as ended:
-            main()
-    finally:
-        sys.argv = before
-    assert not ended.value.code
+    cell, answers = folder / "cell.yaml", folder / "answers.yaml"
+    assert status_of("commission", cell, "--out", folder / "out", "--answers", answers) == 0
     return folder
 
 

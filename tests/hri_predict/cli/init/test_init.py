@@ -15,7 +15,6 @@ import pytest
 import yaml
 
 from hri_predict.base.files import data_path
-from hri_predict.cli import main
 from hri_predict.cli.check.check import examine
 from hri_predict.cli.init.init import SCHEMA_FILE, WIDTH
 from hri_predict.contracts import registry
@@ -29,18 +28,12 @@ ROBOTS = sorted(path.stem for path in data_path("robots").glob("*.yaml"))
 
 
 @pytest.fixture
-def call(tmp_path, monkeypatch, capsys):
+def call(tmp_path, monkeypatch, cli):
     """Runs the command in an empty folder without a terminal; status, standard error."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "stdin", io.StringIO())
 
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", "init", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return ended.value.code, capsys.readouterr().err
-
-    return run
+    return lambda *arguments: cli("init", *arguments)[::2]
 
 
 def read(folder, name="cell.yaml"):

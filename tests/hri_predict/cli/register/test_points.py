@@ -13,9 +13,10 @@ from hri_predict.cli.register import points
 from hri_predict.cli.register.points import Tool, ask, point_from, tool_of
 from hri_predict.cli.register.register import register
 from hri_predict.contracts.link import Received
-from hri_predict.protocol.messages import RobotMode, RobotState
+from hri_predict.protocol.messages import RobotState
 from hri_predict.run import assemble
 from hri_sim.baseline_demo import baseline_demo
+from tests.messages import make_state
 
 ZERO = np.zeros(3)
 
@@ -34,13 +35,7 @@ class Reports:
 
 
 def state(robot: int, *positions: float) -> RobotState:
-    return RobotState(
-        robot=robot,
-        mode=RobotMode.AUTOMATIC,
-        counter=1,
-        positions=positions,
-        velocities=tuple(0.0 for _ in positions),
-    )
+    return make_state(positions, tuple(0.0 for _ in positions), robot=robot)
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,7 @@ from hri_predict.base.files import data_path
 from hri_predict.run import config as configuration
 from hri_sim.wires.ports import free_udp_port
 from tests.hri_predict.cli.register.touching_sender import TRUTH
+from tests.processes import hri_predict
 
 pytestmark = [pytest.mark.realtime, pytest.mark.long]
 
@@ -100,13 +101,7 @@ class Terminal:
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "hri_predict", *arguments],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    return hri_predict(*arguments, stdin=subprocess.DEVNULL, timeout=60)
 
 
 def off(found: np.ndarray) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,9 +18,9 @@ from hri_predict.predictors.neural.cmu_skeleton import (
     MOVING,
     OFFSETS,
 )
+from tests.shared import DATA
 
-SHARED = Path(__file__).resolve().parents[5] / "shared" / "data"
-PACK = SHARED / "cmu_mocap"
+PACK = DATA / "cmu_mocap"
 needs_pack = pytest.mark.skipif(not PACK.exists(), reason="needs ../shared/data/cmu_mocap")
 FRAMES = {10: [1, 3, 7, 9], 25: [1, 3, 7, 9, 13, 24]}
 TABLES: list[tuple[str, str, int, str]] = [
@@ -35,7 +34,7 @@ TABLES: list[tuple[str, str, int, str]] = [
 
 def printed(heading):
     """The table below a heading of the pack's README: {action: (windows, [errors])}, and means."""
-    text = (SHARED / "README.md").read_text(encoding="utf-8")
+    text = (DATA / "README.md").read_text(encoding="utf-8")
     lines = text[text.index(heading) :].splitlines()[2:]
     rows = {}
     for line in lines:
@@ -57,7 +56,7 @@ def measured():
             "zero_velocity": zero_velocity(n_out),
             "constant_velocity": constant_velocity(n_out),
         }
-        found[windows, n_out] = judge(Protocol("cmu", windows, n_out), SHARED, both)
+        found[windows, n_out] = judge(Protocol("cmu", windows, n_out), DATA, both)
     return found
 
 
@@ -87,7 +86,7 @@ def test_error_over_the_25_joints_to_the_printed_digit(measured):
 
 @needs_pack
 def test_first_seeded_windows_are_the_printed_ones():
-    text = (SHARED / "README.md").read_text(encoding="utf-8")
+    text = (DATA / "README.md").read_text(encoding="utf-8")
     listed = re.search(r"First 8 seeds \(idx\), for checking: (.*?)\.\n", text, re.S)
     assert listed
     groups = [g.strip() for g in listed[1].replace("\n", " ").split(";")]

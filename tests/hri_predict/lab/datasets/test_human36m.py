@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import sys
 import warnings
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 import torch
 
 from hri_predict.base.errors import ConfigError, RecordingError
-from hri_predict.cli import main
 from hri_predict.lab.datasets.cmu_benchmark import to_model
 from hri_predict.lab.datasets.human36m import (
     HUMAN22,
@@ -135,13 +133,10 @@ def test_training_without_the_subject_that_validates_is_refused(dataset):
 
 
 @pytest.mark.long
-def test_a_network_is_trained_on_it_and_judged(dataset, tmp_path, monkeypatch, capsys):
+def test_a_network_is_trained_on_it_and_judged(dataset, tmp_path, cli):
     def hri_predict(*arguments):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        assert not ended.value.code, err
+        status, out, err = cli(*arguments)
+        assert status == 0, err
         return out
 
     small = ["judgement=human36m", "options.channels=4", "options.blocks=1", "train.epochs=1"]

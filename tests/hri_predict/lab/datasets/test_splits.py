@@ -4,14 +4,13 @@ import csv
 import itertools
 import re
 from collections import Counter
-from pathlib import Path
 
 import pytest
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.lab.datasets.splits import USES, benchmark_split, in_pack, is_pack, split
+from tests.shared import DATA
 
-DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 needs_pack = pytest.mark.skipif(not (DATA / "motion").exists(), reason="needs ../shared/data")
 SETS = ("beside_robot", "cmu_tools", "cmu_subjects", "cmu_misc", "cmu_dance")
 MOTION_USES = ("fit", "validation", "calibration", "test_motion")

@@ -1,7 +1,5 @@
 """The papers' judgement: no future reaches a forecaster; networks see their own units."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -25,8 +23,8 @@ from hri_predict.lab.evaluation.benchmark_result import BenchmarkResult
 from hri_predict.lab.evaluation.benchmarks import Cmu
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38
 from hri_predict.predictors.neural.network import Network, Shape, last_pose
+from tests.shared import DATA, needs_data
 
-SHARED = Path(__file__).resolve().parents[5] / "shared" / "data"
 FRAMES = 200  # of the made recordings; every second is used
 
 
@@ -298,12 +296,12 @@ def test_the_mean_needs_all_five_actions(tmp_path, expmap):
     assert np.isnan(mean_over(protocol, scores["zero"])).all()
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="needs ../shared/data")
+@needs_data
 def test_euler_error_of_zero_velocity_is_the_printed_one():
     protocol = Protocol("cmu", "80-seeds", 25, "euler")
     assert protocol.readings == ((1, 3, 7, 9, 13, 24), (0, 2, 6, 8, 12, 23))
-    scores = judge(protocol, SHARED, {"zero": zero_velocity(25)})["zero"]
-    text = (SHARED / "README.md").read_text(encoding="utf-8")
+    scores = judge(protocol, DATA, {"zero": zero_velocity(25)})["zero"]
+    text = (DATA / "README.md").read_text(encoding="utf-8")
     lines = text[text.index("Euler error (radians) of zero velocity") :].splitlines()
     rows = [[c.strip() for c in line.strip("|").split("|")] for line in lines if line[:1] == "|"]
     table = {row[0]: row[7:] for row in rows[2:8]}

@@ -1,13 +1,12 @@
 """The card of shipped weights: what it says, of which file, and what is left out of both."""
 
 import json
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
 
-from hri_predict import cli
 from hri_predict.base.errors import ConfigError
 from hri_predict.lab.datasets.cmu_benchmark import MEAN_OVER
 from hri_predict.lab.datasets.corruption import standard
@@ -20,6 +19,7 @@ from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape
 from hri_predict.predictors.neural.weights import load_weights, read_header, save_weights
 from hri_predict.predictors.trajectorycnn import TrajectoryCNN, TrajectoryCNNOptions
+from tests.commands import status_of
 
 CONFIG = {
     "predictor": "trajectorycnn",
@@ -144,15 +144,8 @@ def test_what_is_no_judgement_changes_nothing_shipped(weights, tmp_path, option,
     assert {path.read_text(encoding="utf-8") for path in folder.iterdir()} == {"as it was"}
 
 
-def test_the_command_writes_both_files_and_tells_mistakes_in_one_line(
-    weights, tmp_path, monkeypatch, capsys
-):
-    def card(*arguments):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", "card", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        return ended.value.code
-
+def test_the_command_writes_both_files_and_tells_mistakes_in_one_line(weights, tmp_path, capsys):
+    card = partial(status_of, "card")
     shipped = tmp_path / "trajectorycnn.safetensors"
     assert card(weights, "--out", tmp_path) == 0
     assert capsys.readouterr().out == f"written: {shipped}, {shipped.with_suffix('.md')}\n"

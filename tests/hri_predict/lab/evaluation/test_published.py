@@ -1,7 +1,5 @@
 """Printed numbers: as the papers' averages have them, and never shown under another protocol."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -9,8 +7,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.lab.datasets.cmu_benchmark import MEAN_OVER
 from hri_predict.lab.evaluation.benchmarks import Cmu
 from hri_predict.lab.evaluation.published import comparable, published
-
-SHARED = Path(__file__).resolve().parents[5] / "shared" / "data"
+from tests.shared import DATA, needs_data
 
 # Means over the five actions, rounded, formed by hand from the papers' tables.
 FIVE: dict[tuple[str, int], list[float | None]] = {
@@ -41,9 +38,9 @@ def test_means_over_the_five_actions(method, n_out):
             assert np.mean(known) == pytest.approx(expected, abs=0.51 * 10**-digits)
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="needs ../shared/data")
+@needs_data
 def test_pgbig_is_the_packs_copy_of_its_result_file():
-    text = (SHARED / "README.md").read_text(encoding="utf-8")
+    text = (DATA / "README.md").read_text(encoding="utf-8")
     lines = text[text.index("PGBIG's published result file") :].splitlines()[2:]
     rows = [[c.strip() for c in line.strip("|").split("|")] for line in lines[2:8]]
     (entry,) = [e for e in published(Cmu.published) if e.method == "PGBIG"]

@@ -1,7 +1,6 @@
 """Evaluation on recordings: its windows, what it scores, and the baselines' known errors."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,8 +27,8 @@ from hri_predict.lab.evaluation.windows import (
 )
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
 from hri_predict.predictors.neural.body import BODY
+from tests.shared import DATA, needs_data
 
-DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 JOINTS = len(BODY.joints)
 VELOCITY = np.array([1.0, -0.5, 0.25])
 
@@ -75,7 +74,7 @@ class Off:
         return Forecast(positions, None)
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="needs ../shared/data")
+@needs_data
 def test_baselines_have_the_known_errors_over_the_five_actions():
     files = [DATA / "cmu_mocap" / "test" / f"{action}_1.npz" for action in MEAN_ACTIONS]
     results = {
@@ -93,7 +92,7 @@ def test_baselines_have_the_known_errors_over_the_five_actions():
         assert np.rint(results[name].mean_mm()[columns]).tolist() == errors
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="needs ../shared/data")
+@needs_data
 def test_running_is_judged_to_600_ms_and_arms_where_they_are_observed():
     files = [DATA / "cmu_mocap/test/running_1.npz", DATA / "assembly/task3_human2_trial2.npz"]
     result = judge(predictor(), files)

@@ -1,22 +1,20 @@
 """The ablation leaves out one augmentation at a time, trains for real, and does nothing twice."""
 
 import signal
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
-from hri_predict import cli
 from hri_predict.base.errors import ConfigError
 from hri_predict.lab.training import ablation, paper_ablation
 from hri_predict.lab.training.config import load_training_config
 from hri_predict.lab.training.windows.augment import AugmentSettings
 from hri_predict.lab.training.windows.motion import DataSettings, MotionSamples
 from hri_predict.predictors.neural.network import network_class_of
-
-SHARED = Path(__file__).resolve().parents[4].parent / "shared" / "data"
+from tests.commands import status_of
+from tests.shared import DATA
 
 
 @pytest.fixture
@@ -44,16 +42,13 @@ def config(tmp_path) -> Path:
 
 
 @pytest.fixture
-def ablate(config, tmp_path, monkeypatch):
+def ablate(config, tmp_path):
     """Run ``hri-predict ablate`` with some changes; gives its exit status."""
 
     def call(*changes, out=tmp_path / "runs", config=config, data=tmp_path):
         given = ["ablate", config, "--data", data, "--out", out]
         given += [word for change in changes for word in ("--set", change)]
-        monkeypatch.setattr(sys, "argv", ["hri-predict", *map(str, given)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        return ended.value.code
+        return status_of(*given)
 
     return call
 
@@ -175,11 +170,11 @@ def test_every_row_of_a_paper_is_another_network(paper):
 
 @pytest.mark.long
 def test_a_paper_s_rows_are_trained_and_shown_with_its_figures(ablate, tmp_path, capsys):
-    if not SHARED.exists():
+    if not DATA.exists():
         pytest.skip("needs the data pack")
     smaller = ["train.epochs=1", "train.windows_per_epoch=16", "train.batch=8", "options.width=8"]
     out = tmp_path / "runs"
-    assert ablate(*smaller, out=out, config="stb", data=SHARED) == 0
+    assert ablate(*smaller, out=out, config="stb", data=DATA) == 0
     text = capsys.readouterr().out
     assert text == (out / "ablation.md").read_text()
     assert [line.split(" | ")[-1] for line in text.splitlines()[4:]] == [

@@ -4,6 +4,7 @@ import json
 import shutil
 import signal
 import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -16,7 +17,6 @@ import yaml
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
 from hri_predict.base.skeleton import make_skeleton
-from hri_predict.cli import main
 from hri_predict.lab.training.config import TrainingConfig, load_training_config
 from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.parts import DATA_SETS
@@ -67,17 +67,9 @@ def config(tmp_path):
 
 
 @pytest.fixture
-def cli(monkeypatch, capsys):
-    """Run a command line; gives exit status, standard output, standard error."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["hri-predict", "train", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return ended.value.code or 0, captured.out, captured.err
-
-    return call
+def cli(cli):
+    """Run the command; gives exit status, standard output, standard error."""
+    return partial(cli, "train")
 
 
 @pytest.mark.long

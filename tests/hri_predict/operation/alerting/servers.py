@@ -5,7 +5,6 @@ import socketserver
 import ssl
 import subprocess
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -34,15 +33,6 @@ def alert(level="stop", robot="arm", **changes: Any) -> Alert:
 
 def place(folder: Path, *, live: bool = True) -> HookContext:
     return HookContext(base_dir=folder, cell="cell7", live=live)
-
-
-def eventually(happens: Callable[[], Any], seconds: float = 15.0) -> Any:
-    """What ``happens`` returns once it is true."""
-    end = time.monotonic() + seconds
-    while not (found := happens()):
-        assert time.monotonic() < end, "it does not happen"
-        time.sleep(0.01)
-    return found
 
 
 class WebServer(ThreadingHTTPServer):
@@ -164,12 +154,6 @@ def flooding_server(first: bytes, then: bytes) -> Iterator[tuple[int, list[int]]
 
 IN_BUFFERS = 20_000_000
 """What the system's buffers for a connection may hold, bytes; seconds of a flood are far more."""
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def certificate(folder: Path) -> tuple[Path, Path]:

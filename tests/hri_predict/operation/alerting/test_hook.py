@@ -16,13 +16,8 @@ from hri_predict.operation.alerting.webhook import WebhookHook
 from hri_predict.operation.monitoring.alerts import Alerts, AlertSettings
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
-from tests.hri_predict.operation.alerting.servers import (
-    alert,
-    eventually,
-    place,
-    silent_server,
-    web_server,
-)
+from tests.hri_predict.operation.alerting.servers import alert, place, silent_server, web_server
+from tests.waiting import eventually
 
 
 def settings(**changes):

@@ -10,13 +10,8 @@ from hri_predict.operation.alerting.hook import Hook
 from hri_predict.operation.alerting.hooks import Hooks
 from hri_predict.operation.alerting.sender import Sender
 from hri_predict.operation.alerting.webhook import WebhookHook
-from tests.hri_predict.operation.alerting.servers import (
-    alert,
-    eventually,
-    place,
-    silent_server,
-    web_server,
-)
+from tests.hri_predict.operation.alerting.servers import alert, place, silent_server, web_server
+from tests.waiting import eventually
 
 
 def settings(url, **changes):

@@ -14,11 +14,11 @@ from tests.hri_predict.operation.alerting.servers import (
     IN_BUFFERS,
     alert,
     flooding_server,
-    free_port,
     place,
     server_tls,
     silent_server,
 )
+from tests.waiting import free_port
 
 controller = pytest.importorskip("aiosmtpd.controller", reason="needs aiosmtpd (the extra dev)")
 smtp = pytest.importorskip("aiosmtpd.smtp", reason="needs aiosmtpd (the extra dev)")

@@ -23,12 +23,11 @@ from tests.hri_predict.operation.alerting.servers import (
     IN_BUFFERS,
     alert,
     certificate,
-    eventually,
     flooding_server,
-    free_port,
     place,
     silent_server,
 )
+from tests.waiting import eventually, free_port
 
 mqtt = pytest.importorskip("paho.mqtt.client", reason="needs paho-mqtt (the extra mqtt)")
 ROOT = Path(__file__).resolve().parents[4]

@@ -7,8 +7,9 @@ import pytest
 
 from hri_predict.operation.alerting.sender import SendError
 from hri_predict.operation.alerting.syslog import SyslogHook, SyslogSender
-from tests.hri_predict.operation.alerting.servers import alert, free_port, place, server_tls
+from tests.hri_predict.operation.alerting.servers import alert, place, server_tls
 from tests.hri_predict.operation.alerting.test_text import RFC_5424
+from tests.waiting import free_port
 
 
 def send(folder, **settings):

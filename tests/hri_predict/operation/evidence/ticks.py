@@ -4,10 +4,11 @@ import numpy as np
 
 from hri_predict.base.geometry import Capsules
 from hri_predict.node.listeners import Tick
-from hri_predict.protocol.messages import Advice, Level, NodeState, Status
+from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import Assessment, NearMiss
 from hri_predict.zones.types import Zones
+from tests.messages import make_status
 
 MS = 1_000_000
 
@@ -40,9 +41,7 @@ def tick(
         )
         for i, level in enumerate(levels)
     )
-    status = Status(
-        node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, predictor=0, cycle=0
-    )
+    status = make_status(cycle=0)
     return Tick(
         now_ns=round(now_ms * MS),
         status=status,

@@ -22,24 +22,17 @@ from hri_predict.recording.mcap.items import Item
 from hri_predict.recording.mcap.schemas import schemas
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, run
-from tests.hri_predict.operation.service.cells import cell, free_port, written
+from tests.hri_predict.operation.service.cells import cell, written
 from tests.hri_predict.recording.mcap.made_up import info, scene, tick
 
 pytest.importorskip("foxglove", reason="needs the extra foxglove")
 pytest.importorskip("websockets", reason="needs the extra websocket")
 from tests.hri_predict.operation.foxglove.viewers import Viewer, stalled
+from tests.waiting import eventually, free_port
 
 ROOT = Path(__file__).resolve().parents[4]
 UTC_NS = 1_790_000_000 * 10**9
 TICKED = {"/status", "/advice/arm", "/forecast", "/zones", "/view/scene", "/view/people"}
-
-
-def wait_for(met, what):
-    """Poll for a state of other threads; its time does not decide anything but a failure."""
-    end_s = time.monotonic() + 60
-    while not met():
-        assert time.monotonic() < end_s, what
-        time.sleep(0.005)
 
 
 @pytest.fixture
@@ -59,9 +52,7 @@ def viewer(live):
 
 def subscribed(live, viewer, *topics):
     viewer.subscribe(*topics)
-    wait_for(
-        lambda: all(live.wants(topic) for topic in topics), "a subscription that had no effect"
-    )
+    eventually(lambda: all(live.wants(topic) for topic in topics))
 
 
 def test_it_offers_the_topics_and_schemas_of_a_recording(live, viewer):
@@ -79,7 +70,7 @@ def test_more_clients_than_the_limit_are_ended_counted_and_said_once(caplog):
     try:
         first = Viewer(one.port)
         crowd = [socket.create_connection(("127.0.0.1", one.port)) for _ in range(12)]
-        wait_for(lambda: one.counts()["foxglove_refused"] >= 11, "no connection was ended")
+        eventually(lambda: one.counts()["foxglove_refused"] >= 11)
         for each in crowd:
             each.close()
         subscribed(one, first, "/status")  # the one that was there first is served
@@ -110,7 +101,7 @@ def test_two_clients_get_scene_and_tick_as_they_are_recorded(live, viewer):
         live.on_tick(tick(k))
         return not any(reader.is_alive() for reader in readers)
 
-    wait_for(are_done, "a client did not get all topics")
+    eventually(are_done)
     for found in got.values():
         for topic, (at_ns, data) in found.items():
             jsonschema.validate(data, schemas(["arm"])[topic])
@@ -147,7 +138,7 @@ def test_a_thread_that_does_not_keep_up_loses_the_oldest_and_counts(live, viewer
         live.take(Item("/scene", 0, quick, (k,)))
     assert live.dropped == 50
     go_on.set()
-    wait_for(lambda: len(encoded) == QUEUE_ITEMS, "the rest was not sent")
+    eventually(lambda: len(encoded) == QUEUE_ITEMS)
     assert encoded == list(range(51, QUEUE_ITEMS + 51))
 
 
@@ -180,11 +171,11 @@ from tests.hri_predict.operation.foxglove.test_live import *
 live = FoxgloveLive(FoxgloveSettings(port=free_port()), info(), clocks=VirtualClocks())
 number = Viewer(live.port).channels["/scene"]["id"]
 with stalled(live.port, [number]):
-    wait_for(lambda: live.wants("/scene"), "no subscription")
+    eventually(lambda: live.wants("/scene"))
     encoded = []
     for k in range(400):
         live.take(Item("/scene", 0, lambda: encoded.append(0) or bytes(200_000), ()))
-        wait_for(lambda: len(encoded) > k, "not sent")
+        eventually(lambda: len(encoded) > k)
     if sys.argv[1:]:
         live.close()
 """
@@ -244,7 +235,7 @@ def test_a_running_node_shows_itself(tmp_path):
                 return False
             return True
 
-        wait_for(is_up, "the node does not listen")
+        eventually(is_up)
         wanted = (TICKED - {"/view/people"}) | {"/scene", "/node"}
         viewer[0].subscribe(*wanted)
         found: set[str] = set()

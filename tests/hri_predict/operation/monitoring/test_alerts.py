@@ -1,7 +1,6 @@
 import errno
 import io
 import json
-import subprocess
 import sys
 
 import pytest
@@ -11,6 +10,8 @@ from hri_predict.operation.monitoring.alerts import Alerts, AlertSettings
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import NamedZoneState
+from tests.hri_predict.operation.monitoring.said import alerts_of
+from tests.processes import python
 
 
 def advice(level, robot=0, reason=Reason.PERSON_NEAR):
@@ -19,14 +20,7 @@ def advice(level, robot=0, reason=Reason.PERSON_NEAR):
 
 def test_only_changes_are_told(tmp_path):
     out, clock = io.StringIO(), VirtualClock(0)
-    alerts = Alerts(
-        settings=AlertSettings(file="a.jsonl"),
-        robots=["arm", "gantry"],
-        clock=clock,
-        base_dir=tmp_path,
-        terminal=out,
-        threaded=False,
-    )
+    alerts = alerts_of(tmp_path, robots=["arm", "gantry"], clock=clock, out=out, file="a.jsonl")
     for level in (Level.CLEAR, Level.CLEAR, Level.SLOW, Level.SLOW, Level.STOP):
         alerts.observe((advice(level), advice(Level.CLEAR, robot=1)))
         clock.advance_to(clock.now_ns() + 40_000_000)
@@ -47,14 +41,7 @@ def test_only_changes_are_told(tmp_path):
 def on_terminal(folder):
     """Alerts of one robot on a terminal, and what the terminal shows."""
     out = io.StringIO()
-    alerts = Alerts(
-        settings=AlertSettings(),
-        robots=["arm"],
-        clock=VirtualClock(0),
-        base_dir=folder,
-        terminal=out,
-        threaded=False,
-    )
+    alerts = alerts_of(folder, out=out)
     return out, alerts
 
 
@@ -95,14 +82,7 @@ def test_another_reason_for_unknown_is_news_another_for_stop_is_not(tmp_path):
 
 def test_changes_of_named_zones_are_told(tmp_path):
     out = io.StringIO()
-    alerts = Alerts(
-        settings=AlertSettings(file="a.jsonl"),
-        robots=["arm"],
-        clock=VirtualClock(0),
-        base_dir=tmp_path,
-        terminal=out,
-        threaded=False,
-    )
+    alerts = alerts_of(tmp_path, out=out, file="a.jsonl")
     for occupied, entry_s in [
         (False, None),
         (False, 0.4),
@@ -177,12 +157,7 @@ def test_hanging_command_is_ended(tmp_path, caplog):
 
 
 def test_a_flood_never_blocks_and_is_counted(tmp_path):
-    alerts = Alerts(
-        settings=AlertSettings(terminal=False),
-        robots=["arm"],
-        clock=VirtualClock(0),
-        base_dir=tmp_path,
-    )
+    alerts = alerts_of(tmp_path, threaded=True, terminal=False)
     for i in range(1000):
         alerts.observe((advice(Level.CLEAR if i % 2 else Level.STOP),))
     assert alerts.count == 1000
@@ -197,12 +172,8 @@ class Refuses(io.StringIO):
 
 
 def test_a_terminal_that_takes_nothing_does_not_cost_the_alert_file(tmp_path):
-    alerts = Alerts(
-        settings=AlertSettings(file="a.jsonl"),
-        robots=["arm"],
-        clock=MonotonicClock(),
-        base_dir=tmp_path,
-        terminal=Refuses(),
+    alerts = alerts_of(
+        tmp_path, clock=MonotonicClock(), out=Refuses(), threaded=True, file="a.jsonl"
     )
     alerts.start()
     for level in (Level.CLEAR, Level.STOP):
@@ -214,13 +185,7 @@ def test_a_terminal_that_takes_nothing_does_not_cost_the_alert_file(tmp_path):
 
 def test_after_a_line_that_was_cut_short_the_next_stands_on_its_own(tmp_path):
     (tmp_path / "a.jsonl").write_text('{"level": "st')
-    alerts = Alerts(
-        settings=AlertSettings(file="a.jsonl", terminal=False),
-        robots=["arm"],
-        clock=VirtualClock(0),
-        base_dir=tmp_path,
-        threaded=False,
-    )
+    alerts = alerts_of(tmp_path, file="a.jsonl", terminal=False)
     alerts.observe((advice(Level.STOP),))
     cut, whole = (tmp_path / "a.jsonl").read_text().splitlines()
     assert cut == '{"level": "st'
@@ -237,8 +202,6 @@ def test_a_line_that_no_longer_fits_on_the_disk_leaves_no_part(tmp_path):
         "try: alerts._append(path, line)\n"
         "except OSError as error: print(error.strerror)\n"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
+    run = python("-c", code, cwd=tmp_path, check=True)
     assert run.stdout == "No space left on device\n"
     assert (tmp_path / "a.jsonl").read_bytes() == 2 * (b"x" * 39 + b"\n")

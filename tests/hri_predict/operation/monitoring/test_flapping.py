@@ -7,10 +7,10 @@ import pytest
 
 from hri_predict.base.clock import VirtualClock
 from hri_predict.operation.alerting.alert import Alert, ZoneAlert
-from hri_predict.operation.monitoring.alerts import Alerts, AlertSettings
 from hri_predict.operation.monitoring.flapping import AGAIN_S, FIRST_S, HOLDS_S, REPEATS, Flapping
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
+from tests.hri_predict.operation.monitoring.said import alerts_of
 
 TICK_S = 0.04
 SEVERITY = ["clear", "warn", "slow", "stop", "unknown", "fault"]
@@ -113,10 +113,7 @@ def test_robots_and_zones_are_counted_by_themselves():
 
 def test_the_terminal_counts_and_the_file_has_all(tmp_path):
     out, clock = io.StringIO(), VirtualClock(0)
-    alerts = Alerts(
-        settings=AlertSettings(file="a.jsonl"), robots=["arm"], clock=clock, base_dir=tmp_path,
-        terminal=out, threaded=False,
-    )  # fmt: skip
+    alerts = alerts_of(tmp_path, clock=clock, out=out, file="a.jsonl")
     for k in range(400):
         level = (Level.STOP, Level.UNKNOWN)[k // 3 % 2]
         alerts.observe((Advice(robot=0, level=level, reason=Reason.INPUT_STALE),))

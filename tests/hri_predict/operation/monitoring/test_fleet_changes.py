@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+import pytest
+
 from hri_predict.operation.monitoring.fleet_changes import KEPT
-from hri_predict.protocol.messages import Level
+from hri_predict.protocol.messages import Level, Message
 from hri_predict.protocol.reasons import Reason
 from tests.hri_predict.operation.monitoring.said import CLEAR, OURS, RUNNING
 from tests.hri_predict.viewing.many import Cells
@@ -24,22 +26,16 @@ def test_a_cell_that_joins_clear_is_no_alert() -> None:
     assert seen(cells) == []
 
 
-def test_a_cell_that_never_sends_its_schema_is_an_alert() -> None:
+@pytest.mark.parametrize(("says", "level"), [((RUNNING, CLEAR), "UNKNOWN"), ((CLEAR,), "GONE")])
+def test_a_cell_that_never_sends_its_schema_is_an_alert(
+    says: tuple[Message, ...], level: str
+) -> None:
     cells = Cells()
     for _ in range(6):
-        cells.say("press", RUNNING, CLEAR)
+        cells.say("press", *says)
         cells.changes.look()
         cells.pass_s(0.41)
-    assert seen(cells) == [("plant/press", None, "UNKNOWN")]
-
-
-def test_a_cell_of_which_only_advice_comes_is_an_alert() -> None:
-    cells = Cells()
-    for _ in range(6):
-        cells.say("press", CLEAR)
-        cells.changes.look()
-        cells.pass_s(0.41)
-    assert seen(cells) == [("plant/press", None, "GONE")]
+    assert seen(cells) == [("plant/press", None, level)]
 
 
 def test_a_cell_that_joins_stopped_is_an_alert_at_once() -> None:

@@ -5,23 +5,16 @@ import io
 import pytest
 
 from hri_predict.base.clock import VirtualClock
-from hri_predict.operation.monitoring.alerts import Alerts, AlertSettings
 from hri_predict.operation.monitoring.remote import FAR_M, WATCH_S
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
+from tests.hri_predict.operation.monitoring.said import alerts_of
 
 
 def said(folder, separations, period_s=0.5):
     """The lines of a robot whose separations these are, and that is clear all the time."""
     out, clock = io.StringIO(), VirtualClock(0)
-    alerts = Alerts(
-        settings=AlertSettings(),
-        robots=["arm"],
-        clock=clock,
-        base_dir=folder,
-        terminal=out,
-        threaded=False,
-    )
+    alerts = alerts_of(folder, clock=clock, out=out)
     for away_m in separations:
         alerts.observe(
             (Advice(robot=0, level=Level.CLEAR, reason=Reason.NONE, separation_m=away_m),)

@@ -13,8 +13,9 @@ from hri_predict.contracts.link import LinkCounters
 from hri_predict.node.listeners import Tick
 from hri_predict.operation.monitoring.pace import PACE_TICKS, Pace
 from hri_predict.operation.monitoring.summary import LevelCounter, summarise
-from hri_predict.protocol.messages import Advice, Level, NodeState, Status
+from hri_predict.protocol.messages import Advice, Level, NodeState
 from hri_predict.protocol.reasons import Reason
+from tests.messages import make_status
 
 KEYS = {
     "frames_in": int,
@@ -37,9 +38,7 @@ def tick_of(*levels, separations=None, now_ns=0):
         Advice(robot=i, level=level, reason=Reason.NONE, separation_m=s)
         for i, (level, s) in enumerate(zip(levels, separations, strict=True))
     )
-    status = Status(
-        node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, predictor=0, cycle=0
-    )
+    status = make_status(cycle=0)
     return Tick(
         now_ns=now_ns,
         status=status,

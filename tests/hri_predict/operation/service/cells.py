@@ -43,12 +43,6 @@ def written(folder, data):
     return path
 
 
-def free_port():
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
-
-
 class NotifySocket:
     """systemd's end of NOTIFY_SOCKET, at a path or, with ``@``, in the abstract namespace."""
 

@@ -12,13 +12,8 @@ import yaml
 
 from hri_predict.node.memory import VERSION
 from hri_predict.recording import read_messages
-from tests.hri_predict.operation.service.cells import (
-    NotifySocket,
-    Service,
-    cell,
-    free_port,
-    written,
-)
+from tests.hri_predict.operation.service.cells import NotifySocket, Service, cell, written
+from tests.waiting import eventually, free_port
 
 pytestmark = [pytest.mark.realtime, pytest.mark.long]
 START_S = 60.0
@@ -52,13 +47,6 @@ def events(port):
         for line in lines
         if line.startswith("hri_events_total{")
     }
-
-
-def eventually(holds):
-    end = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < end
-        time.sleep(0.05)
 
 
 def lines_of(path):

@@ -10,7 +10,7 @@ import re
 import pytest
 
 from hri_predict.operation.service import logs
-from hri_predict.operation.service.logs import Log, RateLimit, in_journal, severity
+from hri_predict.operation.service.logs import Line, Log, RateLimit, in_journal, severity
 
 
 class Time:
@@ -124,3 +124,16 @@ def test_lines_for_a_full_disk_are_counted_and_disturb_nobody():
         with contextlib.suppress(OSError):  # the line is still in the file's buffer
             full.close()
     assert logs.counters()["log_lines_lost"] == 0  # of the program's own log
+
+
+def line_of(in_journal):
+    record = logging.LogRecord("node", logging.WARNING, __file__, 1, "robot %s", ("arm",), None)
+    return Line(with_time=not in_journal).format(record)
+
+
+def test_a_line_has_its_time_and_its_severity():
+    assert re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3}Z warning: robot arm", line_of(False))
+
+
+def test_the_journal_keeps_the_time_itself():
+    assert line_of(True) == "warning: robot arm"

@@ -23,9 +23,10 @@ from hri_predict.operation.service.exposition import Family, Sample, as_text
 from hri_predict.operation.service.figures import Figures
 from hri_predict.operation.service.server import CONNECTIONS, KEEP_S, MetricsServer
 from hri_predict.operation.service.settings import MetricsSettings
-from hri_predict.protocol.messages import Advice, Level, NodeState, Status
+from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.protocol.reasons import Reason
-from tests.hri_predict.operation.service.cells import free_port
+from tests.messages import make_advice, make_status
+from tests.waiting import free_port
 
 DASHBOARD = data_path("service", "grafana.json")
 
@@ -56,16 +57,8 @@ class Snapshot:
 
 
 def tick(level=Level.SLOW, state=NodeState.RUNNING):
-    status = Status(
-        node_state=state, reason=Reason.NONE, people=3, predictor=0, cycle=1, capture_ns=900_000_000
-    )
-    advice = Advice(
-        robot=0,
-        level=level,
-        reason=Reason.PERSON_NEAR,
-        speed_limit_m_s=0.25,
-        separation_m=1.5,
-    )
+    status = make_status(people=3, node_state=state, capture_ns=900_000_000)
+    advice = make_advice(level, Reason.PERSON_NEAR, speed_limit_m_s=0.25, separation_m=1.5)
     return Tick(
         now_ns=1_000_000_000,
         status=status,

@@ -13,14 +13,8 @@ import pytest
 import yaml
 
 from hri_predict.base.files import data_path
-from tests.hri_predict.operation.alerting.servers import eventually
-from tests.hri_predict.operation.service.cells import (
-    NotifySocket,
-    Service,
-    cell,
-    free_port,
-    written,
-)
+from tests.hri_predict.operation.service.cells import NotifySocket, Service, cell, written
+from tests.waiting import eventually, free_port
 
 HAVE = shutil.which("prometheus") and shutil.which("promtool")
 pytestmark = [

@@ -9,15 +9,15 @@ import urllib.request
 import pytest
 
 from hri_predict.node.memory import VERSION
-from tests.hri_predict.operation.alerting.servers import eventually, web_server
+from tests.hri_predict.operation.alerting.servers import web_server
 from tests.hri_predict.operation.service.cells import (
     WATCHDOG_S,
     NotifySocket,
     Service,
     cell,
-    free_port,
     written,
 )
+from tests.waiting import eventually, free_port
 
 pytestmark = pytest.mark.realtime
 START_S = 30.0  # on a busy machine the imports alone take many seconds

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import repeat
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,8 +17,8 @@ from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_sim.people.body import Body as Figure
 from tests.hri_predict.people.body.posture_table import RATE_HZ, recordings
+from tests.shared import DATA
 
-DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 FIGURE = Figure(1.75)
 SPOTS = [(0.0, 0.0), (2.0, 0.0), (0.5, 1.8), (2.5, 2.0)]
 ALL = np.ones(len(JOINTS), np.bool_)

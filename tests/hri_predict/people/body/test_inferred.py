@@ -1,7 +1,6 @@
 """Joints that a tracker does not see move with the body, and the true ones are near enough."""
 
 import csv
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +16,8 @@ from hri_predict.people.body.body_model import body_model
 from hri_predict.people.body.inferred import Inference, rule_of
 from hri_predict.people.inferring import HIDDEN_ARM, hidden_arms
 from hri_sim.people.body import Body
+from tests.shared import DATA
 
-DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 MAPS = [name for name in map_names() if name != "bvh"]
 ALL = np.ones(len(JOINTS), bool)
 _WHO = Body(1.75)

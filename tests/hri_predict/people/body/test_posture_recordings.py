@@ -1,7 +1,5 @@
 """No recorded person is refused, and every wrong rotation of one who stands or walks is found."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,8 +13,7 @@ from tests.hri_predict.people.body.posture_table import (
     verdicts,
     wrong,
 )
-
-DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
+from tests.shared import DATA
 
 pytestmark = [
     pytest.mark.long,

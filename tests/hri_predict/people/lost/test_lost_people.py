@@ -3,25 +3,16 @@ import json
 import numpy as np
 import pytest
 
-from hri_predict.base.settings import Region
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.contracts.scene import Person
 from hri_predict.people.lost.lost_people import match_places
 from hri_predict.protocol.reasons import Reason
+from tests.hri_predict.people.figures import ALL, DOOR, SHAPE, J, body
 
 MS = 1_000_000
 RATE = 25.0
 PERIOD = 40 * MS
 LONG_SCENES = 75  # 3 s
-J = len(JOINTS)
 T = 10
-SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))
-ALL = np.ones(J, bool)
-DOOR = Region(polygon=[[4.0, -1.0], [6.0, -1.0], [6.0, 1.0], [4.0, 1.0]])
-
-
-def body(person_id, x, y=0.0, observed=ALL):
-    return Person(person_id, SHAPE + np.array([x, y, 0.0]), observed)
 
 
 def lost_ids(snapshot):
@@ -54,14 +45,23 @@ def test_who_vanishes_becomes_a_lost_person_where_last_seen(make_room):
     assert snapshot.reasons == ()  # the growing zone is for the risk stage
 
 
-def test_the_same_id_too_far_away_is_somebody_else(make_room):
+@pytest.mark.parametrize(
+    ("number", "absent", "x"),
+    [
+        (1, 4, 8.0),  # the same id, too far away
+        (7, 10, 2.0),  # 0.44 s: the zone has grown by 0.7 m
+        (7, 13, 0.0),  # 0.56 s: too long ago
+    ],
+)
+def test_who_cannot_be_the_lost_person_inherits_nothing(make_room, number, absent, x):
     room = make_room(latency=0)
     room.see(body(1, 0.0), times=10)
-    room.see(times=4)
-    snapshot = room.see(body(1, 8.0))
-    assert snapshot.ids == (1,)
+    room.see(times=absent)
+    snapshot = room.see(body(number, x))
+    assert snapshot.ids == (number,)
     assert lost_ids(snapshot) == [1]
     assert snapshot.lost[0].positions == pytest.approx(SHAPE)
+    assert snapshot.observed[0].all(axis=1).tolist() == [False] * 9 + [True]
 
 
 def test_a_new_id_inside_the_grown_zone_inherits_place_and_history(make_room):
@@ -96,16 +96,6 @@ def test_a_source_that_renumbers_every_scene_keeps_one_history(make_room):
     assert snapshot.ids == (39, 1039)
     assert snapshot.observed.all()
     assert snapshot.lost == ()
-
-
-def test_a_new_id_outside_the_grown_zone_inherits_nothing(make_room):
-    room = make_room(latency=0)
-    room.see(body(1, 0.0), times=10)
-    room.see(times=10)  # 0.44 s: the zone has grown by 0.7 m
-    snapshot = room.see(body(7, 2.0))
-    assert snapshot.ids == (7,)
-    assert lost_ids(snapshot) == [1]
-    assert snapshot.observed[0].all(axis=1).tolist() == [False] * 9 + [True]
 
 
 def test_one_body_accounts_for_one_lost_person_only(make_room):
@@ -202,15 +192,6 @@ def test_an_id_that_comes_back_soon_is_that_person(make_room):
     snapshot = room.see(body(1, 0.2))
     assert snapshot.lost == ()
     assert snapshot.counters["found"] == 1
-
-
-def test_after_a_long_gap_a_new_id_is_somebody_else(make_room):
-    room = make_room(latency=0)
-    room.see(body(1, 0.0), times=10)
-    room.see(times=13)  # 0.56 s
-    snapshot = room.see(body(7, 0.0))
-    assert snapshot.ids == (7,)
-    assert lost_ids(snapshot) == [1]
 
 
 def test_who_appears_where_people_enter_is_somebody_else(make_room):
@@ -338,13 +319,6 @@ def test_what_is_no_memory_is_refused(make_room, data):
 )
 def test_points_in_a_prism(point, inside):
     assert DOOR.contains(np.array(point)) is inside
-
-
-def test_points_in_a_polygon_that_is_not_convex():
-    horseshoe = Region(polygon=[[0, 0], [3, 0], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]])
-    assert horseshoe.contains(np.array([0.5, 2.0, 1.0]))
-    assert horseshoe.contains(np.array([2.5, 2.0, 1.0]))
-    assert not horseshoe.contains(np.array([1.5, 2.0, 1.0]))
 
 
 def test_places_are_matched_nearest_first_and_once():

@@ -3,22 +3,11 @@
 import numpy as np
 import pytest
 
-from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.protocol.reasons import Reason
+from tests.hri_predict.people.figures import ALL, EXIT, SHAPE, J, body, nowhere
 
-J = len(JOINTS)
-SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))
-ALL, NONE = np.ones(J, bool), np.zeros(J, bool)
 ANYWHERE = (Reason.ROOM_NOT_SEEN_EMPTY,)
-
-
-def body(number, x, y=0.0):
-    return Person(number, SHAPE + np.array([x, y, 0.0]), ALL)
-
-
-def nowhere(number):
-    return Person(number, np.full((J, 3), np.nan), NONE)
 
 
 CASES = {
@@ -112,9 +101,6 @@ def test_more_ids_than_people_may_be_anywhere_and_are_not_kept(make_room):
         room.see(body(1, 6.0), *(nowhere(100 + 20 * k + n) for n in range(20)), sees_room=False)
     assert room.see(body(1, 6.0), times=10).reasons == ANYWHERE
     assert len(room.people._unplaced._present) == 0
-
-
-EXIT = {"polygon": [[2, -3], [2.8, -3], [2.8, 3], [2, 3]], "z_min": -1, "z_max": 3}
 
 
 @pytest.mark.parametrize("captures", [7, 25, 100])

@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -17,8 +15,10 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.protocol.can import CanSender
 from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS, frame_table, needed_parts
 from hri_predict.protocol.generate.dbc import FILES, dbc_text, frame_name
-from hri_predict.protocol.messages import Level, NodeState, Status
+from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
+from tests.messages import make_status
+from tests.processes import python
 from tests.random_messages import random_message, signals
 
 DBC = Path(__file__).resolve().parents[4] / "drivers" / "dbc"
@@ -45,14 +45,7 @@ def load_shipped(fd: bool) -> Database:
 
 def decode_elsewhere(fd: bool, frames: list) -> list[tuple[str, dict]]:
     text = "".join(f"{f.arbitration_id} {f.data.hex()}\n" for f in frames)
-    done = subprocess.run(
-        [sys.executable, "-c", DECODER, str(DBC / FILES[fd])],
-        input=text,
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=120,
-    )
+    done = python("-c", DECODER, DBC / FILES[fd], input=text, check=True, timeout=120)
     return [tuple(json.loads(line)) for line in done.stdout.splitlines()]
 
 
@@ -104,9 +97,7 @@ def test_a_file_for_another_base_id_decodes_what_is_sent_there(
     base_id: int, extended: bool
 ) -> None:
     database: Any = cantools.database.load_string(dbc_text(False, base_id, extended))
-    message = Status(
-        node_state=NodeState.RUNNING, reason=Reason.NONE, people=3, predictor=4, cycle=5, age_s=0.25
-    )
+    message = make_status(people=3, cycle=5, predictor=4, age_s=0.25)
     (frame,) = CanSender(False, base_id, extended).encode(message)
     found = database.get_message_by_frame_id(frame.arbitration_id)
     assert found.is_extended_frame is extended

@@ -34,6 +34,7 @@ from hri_predict.protocol.ros.plain import (
     speed_fraction,
 )
 from tests.hri_predict.protocol.ros.decoding import by_topic
+from tests.messages import make_advice
 
 FULL_M_S = 1.5
 NOW_NS = 1_700_000_000_123_456_789
@@ -89,9 +90,7 @@ def said(advice: Advice) -> dict[str, Any]:
     return fields
 
 
-ADVICE = Advice(
-    robot=0, level=Level.SLOW, reason=Reason.PERSON_NEAR, speed_limit_m_s=0.75, separation_m=1.25
-)
+ADVICE = make_advice(Level.SLOW, Reason.PERSON_NEAR, speed_limit_m_s=0.75, separation_m=1.25)
 BELOW_5_STEPS = replace(ADVICE, speed_limit_m_s=FULL_M_S * math.nextafter(5e-6, 0.0))
 """A fraction that is 5 millionths once it is multiplied, and less before."""
 

@@ -11,8 +11,7 @@ from hri_predict.base.skeleton import JOINTS
 from hri_predict.recording import open_recording
 from hri_predict.recording.formats.bvh import forward_kinematics
 from hri_predict.recording.formats.bvh_text import parse_bvh
-
-DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
+from tests.shared import DATA, needs_data
 
 # A small rig (cm, y up), with the usual names: hips, spine, head, arms and legs.
 RIG = [
@@ -104,7 +103,7 @@ def test_units_axes_and_rate(tmp_path: Path) -> None:
     np.testing.assert_allclose(z_up[0], [0.0, 0.95, 0.0], atol=1e-6)
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")
+@needs_data
 def test_a_real_walk_written_as_bvh_reads_as_the_same_joints(tmp_path: Path) -> None:
     """The data pack's exponential maps as Euler angles: an independent way to the same joints."""
     skeleton = json.loads((DATA / "cmu_mocap" / "skeleton.json").read_text())

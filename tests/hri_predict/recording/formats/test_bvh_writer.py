@@ -1,7 +1,5 @@
 """Written BVH files: rigid bones near the joints, as bvhio, which we did not write, reads them."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,10 +12,10 @@ from hri_predict.recording import Recording, open_recording
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.formats.bvh_writer import follow, zxy_degrees
 from hri_predict.recording.naming import map_of_names
+from tests.hri_predict.recording.made import of_scenes
+from tests.shared import DATA, needs_data
 
 bvhio = pytest.importorskip("bvhio", reason="compares with bvhio, which is not installed")
-
-DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 
 
 def rigid_body(frames=6, seed=0) -> np.ndarray:
@@ -42,15 +40,7 @@ def recording_of(joints: np.ndarray, seen=None, names=JOINTS) -> Recording:
         Scene(round(k * 1e9 / 50), k, True, (Person(1, row, s),))
         for k, (row, s) in enumerate(zip(joints, seen, strict=True))
     ]
-    times = [scene.stamp_ns for scene in scenes]
-    return Recording(
-        path=Path("x"),
-        kind="csv",
-        joint_map=map_of_names(names),
-        rate_hz=50.0,
-        scenes=scenes,
-        arrival_ns=times,
-    )
+    return of_scenes(scenes, map_of_names(names), 50.0)
 
 
 def canonical(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
@@ -83,7 +73,7 @@ def test_bvhio_sees_the_same_body(tmp_path):
             np.testing.assert_allclose(at[name], [y, z, x], atol=2e-3)  # left, up, forward
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")
+@needs_data
 def test_a_real_walk_is_off_by_as_much_as_it_says(tmp_path):
     walk = open_recording(DATA / "cmu_mocap" / "test" / "walking_1.npz")
     written = write_recording(walk, tmp_path / "a.bvh", "bvh")

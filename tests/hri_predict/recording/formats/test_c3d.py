@@ -12,6 +12,7 @@ from hri_predict.recording import Recording, open_recording
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.formats.c3d_parameters import BLOCK, pack_parameters
 from hri_predict.recording.naming import map_of_names
+from tests.hri_predict.recording.made import of_scenes
 
 LABELS = ["LWrist", "RWrist", "C7"]
 
@@ -40,15 +41,7 @@ def ours(path: Path, positions, names, rate_hz=100.0) -> Path:
         Scene(round(k * 1e9 / rate_hz), k, True, (Person(1, row, np.isfinite(row[:, 0])),))
         for k, row in enumerate(positions)
     ]
-    times = [scene.stamp_ns for scene in scenes]
-    recording = Recording(
-        path=Path("x"),
-        kind="csv",
-        joint_map=map_of_names(names),
-        rate_hz=rate_hz,
-        scenes=scenes,
-        arrival_ns=times,
-    )
+    recording = of_scenes(scenes, map_of_names(names), rate_hz)
     write_recording(recording, path, "c3d", force=True)
     return path
 

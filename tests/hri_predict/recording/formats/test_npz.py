@@ -15,11 +15,10 @@ from hri_predict.recording import open_recording, placed
 from hri_predict.recording.formats import npz
 from hri_predict.recording.formats.npz import read_arrays
 from hri_predict.recording.recording import action_of, start_of
+from tests.shared import DATA, needs_data
 
-DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 WALKING = DATA / "cmu_mocap" / "test" / "walking_1.npz"
 ASSEMBLY = DATA / "assembly" / "task1_human1_trial1.npz"
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="needs ../shared/data")
 
 
 def _canonical(recording, k):

@@ -11,6 +11,7 @@ from hri_predict.contracts.scene import Person, Scene
 from hri_predict.recording import Recording, open_recording
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.naming import map_of_names
+from tests.hri_predict.recording.made import of_scenes
 
 # As programs write it: empty columns after each name, a blank line, a trailing tab, empty cells.
 OPENSIM = (
@@ -193,14 +194,7 @@ def test_a_trace_of_a_can_bus_has_the_same_ending(save):
 def test_names_that_would_break_the_columns_are_refused(tmp_path):
     person = Person(1, np.zeros((1, 3)), np.ones(1, bool))
     scenes = [Scene(0, 0, True, (person,)), Scene(1, 1, True, (person,))]
-    recording = Recording(
-        path=Path("x"),
-        kind="csv",
-        joint_map=map_of_names(["a\tb"]),
-        rate_hz=30.0,
-        scenes=scenes,
-        arrival_ns=[0, 33_333_333],
-    )
+    recording = of_scenes(scenes, map_of_names(["a\tb"]), 30.0, arrival_ns=[0, 33_333_333])
     with pytest.raises(ConfigError, match="rename it"):
         write_recording(recording, tmp_path / "a.trc", "trc")
     assert list(tmp_path.iterdir()) == []

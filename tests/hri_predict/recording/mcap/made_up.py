@@ -13,16 +13,12 @@ from hri_predict.contracts.predictor import Forecast
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import (
-    Advice,
     Level,
-    NodeState,
-    RobotMode,
-    RobotState,
-    Status,
 )
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.zones.types import Zones
+from tests.messages import make_advice, make_state, make_status
 
 JOINTS = 6
 
@@ -66,18 +62,8 @@ def tick(k: int, people: int = 1) -> Tick:
     assessment: Any = SimpleNamespace(zones=zones, reasons=(), named_zones=(), grounds=())
     return Tick(
         now_ns=40_000_000 * k,
-        status=Status(
-            node_state=NodeState.RUNNING, reason=Reason.NONE, people=people, predictor=1, cycle=k
-        ),
-        advices=(
-            Advice(
-                robot=0,
-                level=Level.SLOW,
-                reason=Reason.PERSON_NEAR,
-                separation_m=0.71,
-                detail="l_hand",
-            ),
-        ),
+        status=make_status(people=people, cycle=k, predictor=1),
+        advices=(make_advice(Level.SLOW, Reason.PERSON_NEAR, separation_m=0.71, detail="l_hand"),),
         snapshot=snapshot,
         forecast=Forecast(rng.normal(size=(people, 25, 21, 3)), None),
         assessment=assessment,
@@ -88,13 +74,7 @@ def record(path: Path, ticks: int, threaded: bool = False, **more: Any) -> Recor
     with Recorder(path, info(), threaded=threaded, **more) as recorder:
         for k in range(ticks):
             recorder.on_scene(scene(k), 1_000_000 * k + 40)
-            state = RobotState(
-                robot=0,
-                mode=RobotMode.AUTOMATIC,
-                counter=k % 256,
-                positions=(0.1 * k, -1.0),
-                velocities=(0.0, 0.5),
-            )
+            state = make_state((0.1 * k, -1.0), (0.0, 0.5), counter=k % 256)
             recorder.on_received("serial", Received(state, 1_000_000 * k + 50))
             recorder.on_tick(tick(k))
             recorder.sent("serial", b"\x01\x02", 1_000_000 * k + 60)

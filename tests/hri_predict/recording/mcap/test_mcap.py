@@ -31,6 +31,7 @@ from tests.hri_predict.recording.mcap.made_up import info as _info
 from tests.hri_predict.recording.mcap.made_up import record as _record
 from tests.hri_predict.recording.mcap.made_up import scene as _scene
 from tests.hri_predict.recording.mcap.made_up import tick as _tick
+from tests.messages import make_state
 
 
 def _same(a: Scene, b: Scene) -> None:
@@ -77,13 +78,7 @@ def test_what_was_received_is_read_back_exactly(tmp_path: Path, threaded: bool) 
     link, received = recording.received[7]
     assert link == "serial"
     assert received == Received(
-        RobotState(
-            robot=0,
-            mode=RobotMode.AUTOMATIC,
-            counter=7,
-            positions=(0.1 * 7, -1.0),
-            velocities=(0.0, 0.5),
-        ),
+        make_state((0.1 * 7, -1.0), (0.0, 0.5), counter=7),
         7_000_050,
     )
 
@@ -133,9 +128,7 @@ def test_what_cannot_be_said_in_json_is_null_and_not_lost(tmp_path: Path) -> Non
     with Recorder(path, _info(), threaded=False) as recorder:
         recorder.on_scene(scene, 12)
         recorder.on_scene(Scene(6, 1, True, ()), 13)
-        state = RobotState(
-            robot=0, mode=RobotMode.UNKNOWN, counter=1, positions=(float("nan"),), velocities=(0.0,)
-        )
+        state = make_state((float("nan"),), (0.0,), mode=RobotMode.UNKNOWN)
         recorder.on_received("x", Received(state, 14))
         recorder.on_received("x", Received(Acknowledge(3, 9), 15))
     recording = open_recording(path)

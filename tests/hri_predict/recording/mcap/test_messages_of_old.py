@@ -15,6 +15,7 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.recording.mcap.format import message_to_dict, received_from_dict, to_json
 from tests.hri_predict.protocol.drawn import robot_states
+from tests.messages import make_state
 
 NEW = ("request", "enabling", "tool", "tool_confirmed", "base")
 STATE = RobotState(
@@ -55,12 +56,8 @@ def test_a_choice_of_an_impossible_set_is_refused(number: object) -> None:
 
 def test_a_state_of_version_1_asks_for_nothing() -> None:
     old = {k: v for k, v in recorded(STATE).items() if k not in NEW}
-    assert received_from_dict(old) == RobotState(
-        robot=2,
-        mode=RobotMode.MANUAL,
-        counter=9,
-        positions=(0.5, 1.0),
-        velocities=(0.0, 0.25),
+    assert received_from_dict(old) == make_state(
+        (0.5, 1.0), (0.0, 0.25), counter=9, robot=2, mode=RobotMode.MANUAL
     )
 
 

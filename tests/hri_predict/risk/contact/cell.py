@@ -16,21 +16,14 @@ from hri_predict.risk.levels.advice import asked_of
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Separation
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.robots.model import RobotSettings, load_robot
+from hri_predict.robots.model import load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
-from hri_predict.zones.body_zones import BodyZones
 from hri_predict.zones.types import Zones
-from tests.hri_predict.risk.people_speeds import speeds_of
+from tests.arms import arm_settings
+from tests.hri_predict.risk.people_speeds import bodies_in
 
 READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
-ROBOT = RobotSettings(
-    name="arm",
-    model="ur5e",
-    room_from_robot=Pose(xyz=[0.0, 0.0, 0.75]),
-    payload_kg=2.0,
-    max_speed_m_s=1.0,
-    contact="allowed",
-)
+ROBOT = arm_settings(room_from_robot=Pose(xyz=[0.0, 0.0, 0.75]), payload_kg=2.0, contact="allowed")
 MODEL = load_robot(ROBOT, None)
 LINK = LinkSettings(name="bus", kind="can", delay_s=0.03, silence_timeout_s=0.1, reaction_s=0.1)
 BUDGET = DelayBudget.from_settings(25.0, [LINK], stale_s=0.12)
@@ -60,13 +53,8 @@ def people(*bodies, own=0.0, radius=0.05, growth=0.2):
     size = np.broadcast_to((radius + growth * TIMES)[:, None], centre.shape[:-1])
     capsules = Capsules(centre, centre, size)
     ids = tuple(range(7, 7 + len(bodies)))
-    return BodyZones(
-        zones=Zones(ids, tuple(SEGMENTS), TIMES, capsules),
-        paths=capsules,
-        lost=np.zeros(len(ids), bool),
-        age_s=0.05,
-        capture_ns=10**9,
-        speeds=speeds_of(*np.zeros(len(ids)), segments=len(SEGMENTS)),
+    return bodies_in(
+        Zones(ids, tuple(SEGMENTS), TIMES, capsules),
         segments_m_s=np.full((len(ids), len(SEGMENTS)), own),
         as_assumed=np.zeros(len(ids), bool),
     )

@@ -7,6 +7,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.levels.demand import Demand
 from hri_predict.risk.levels.machine import LevelMachine
 from hri_predict.risk.settings import RiskSettings
+from tests.hri_predict.risk.demands import asks
 
 MS = 1_000_000
 FREE = Demand.nothing(1.0)
@@ -14,19 +15,11 @@ CAPTURES = RiskSettings().release_captures
 
 
 def stop(reason):
-    return Demand(
-        level=Level.STOP, release=Level.STOP, limit_m_s=0.0, release_limit_m_s=0.0, reason=reason
-    )
+    return asks(Level.STOP, 0.0, reason)
 
 
 def slow(limit, release=None):
-    return Demand(
-        level=Level.SLOW,
-        release=Level.SLOW,
-        limit_m_s=limit,
-        release_limit_m_s=limit if release is None else release,
-        reason=Reason.PERSON_APPROACHING,
-    )
+    return asks(Level.SLOW, limit, release_limit_m_s=limit if release is None else release)
 
 
 class Robot:

@@ -15,39 +15,16 @@ from hri_predict.risk.separation.now import Braking, judge_iso
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.terms import Finding
 from hri_predict.robots.stopping import StoppingCurve
+from tests.hri_predict.risk.demands import asks
 
 MAX = 1.0
 TICK_NS = 40_000_000
 SETTINGS = RiskSettings(release_captures=3, speed_rise_m_s2=0.5, min_speed_m_s=0.05)
 CLEAR = Demand.nothing(MAX)
-WARN = Demand(
-    level=Level.WARN,
-    release=Level.WARN,
-    limit_m_s=MAX,
-    release_limit_m_s=MAX,
-    reason=Reason.PERSON_APPROACHING,
-)
-SLOW = Demand(
-    level=Level.SLOW,
-    release=Level.SLOW,
-    limit_m_s=0.4,
-    release_limit_m_s=0.3,
-    reason=Reason.PERSON_APPROACHING,
-)
-STOP = Demand(
-    level=Level.STOP,
-    release=Level.STOP,
-    limit_m_s=0.0,
-    release_limit_m_s=0.0,
-    reason=Reason.PERSON_NEAR,
-)
-IN_BAND = Demand(
-    level=Level.SLOW,
-    release=Level.STOP,
-    limit_m_s=0.1,
-    release_limit_m_s=0.0,
-    reason=Reason.PERSON_APPROACHING,
-)
+WARN = asks(Level.WARN, MAX)
+SLOW = asks(Level.SLOW, 0.4, release_limit_m_s=0.3)
+STOP = asks(Level.STOP, 0.0, Reason.PERSON_NEAR)
+IN_BAND = asks(Level.SLOW, 0.1, release=Level.STOP, release_limit_m_s=0.0)
 UNKNOWN = Demand.unknown(Reason.INPUT_STALE)
 
 
@@ -127,13 +104,7 @@ def test_the_limit_falls_at_once_and_rises_slowly():
     after = run(SLOW).limit_m_s
     assert after - before == pytest.approx(0.5 * 0.04)
     assert run(SLOW, 100).limit_m_s == pytest.approx(0.3)  # rises no further than the band allows
-    lower = Demand(
-        level=Level.SLOW,
-        release=Level.SLOW,
-        limit_m_s=0.2,
-        release_limit_m_s=0.1,
-        reason=Reason.PERSON_APPROACHING,
-    )
+    lower = asks(Level.SLOW, 0.2, release_limit_m_s=0.1)
     assert run(lower).limit_m_s == 0.2
 
 
@@ -336,13 +307,7 @@ def test_a_release_does_not_show_what_the_rising_limit_takes_back():
     """From a recorded run: half released, the limit still rising, it alternated each tick."""
     run = Run().to_clear()
     run(SLOW)
-    warn_in_band = Demand(
-        level=Level.CLEAR,
-        release=Level.WARN,
-        limit_m_s=MAX,
-        release_limit_m_s=MAX,
-        reason=Reason.NONE,
-    )
+    warn_in_band = asks(Level.CLEAR, MAX, Reason.NONE, release=Level.WARN)
     levels = [run(d).level for d in [WARN, warn_in_band] * 40]
     seen = [level for level, _ in itertools.groupby(levels)]
     assert seen == [Level.SLOW, Level.WARN]
@@ -352,41 +317,11 @@ def test_a_stop_is_not_released_for_a_speed_that_will_not_last():
     run = Run().to_clear()
     run(STOP)
     for limit in (0.5, 0.4, 0.25, 0.2, 0.1, 0.06):  # somebody comes nearer to the standing robot
-        advised = run(
-            Demand(
-                level=Level.SLOW,
-                release=Level.SLOW,
-                limit_m_s=limit,
-                release_limit_m_s=limit,
-                reason=Reason.PERSON_APPROACHING,
-            )
-        )
-        assert advised.level is Level.STOP
-    assert (
-        run(
-            Demand(
-                level=Level.SLOW,
-                release=Level.SLOW,
-                limit_m_s=0.3,
-                release_limit_m_s=0.3,
-                reason=Reason.PERSON_NEAR,
-            ),
-            3,
-        ).level
-        is Level.SLOW
-    )
+        assert run(asks(Level.SLOW, limit)).level is Level.STOP
+    assert run(asks(Level.SLOW, 0.3, Reason.PERSON_NEAR), 3).level is Level.SLOW
 
 
 def test_the_band_never_raises_a_level():
     run = Run().to_clear()
-    advised = run(
-        Demand(
-            level=Level.CLEAR,
-            release=Level.SLOW,
-            limit_m_s=MAX,
-            release_limit_m_s=0.8,
-            reason=Reason.NONE,
-        ),
-        5,
-    )
-    assert advised.level is Level.CLEAR
+    band = asks(Level.CLEAR, MAX, Reason.NONE, release=Level.SLOW, release_limit_m_s=0.8)
+    assert run(band, 5).level is Level.CLEAR

@@ -24,20 +24,15 @@ from hri_predict.risk.separation.receding import link_distances, receding_steps
 from hri_predict.risk.separation.stage import Separation
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.terms import Finding
-from hri_predict.robots.model import RobotSettings, load_robot
+from hri_predict.robots.model import load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.zones.body_zones import BodyZones
 from hri_predict.zones.types import Zones
-from tests.hri_predict.risk.people_speeds import speeds_of
+from tests.arms import arm_settings
+from tests.hri_predict.risk.people_speeds import bodies_in, speeds_of
 
 READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
-ROBOT = RobotSettings(
-    name="arm",
-    model="ur5e",
-    room_from_robot=Pose(xyz=[1.0, 2.0, 0.5]),
-    payload_kg=2.0,
-    max_speed_m_s=1.0,
-)
+ROBOT = arm_settings(room_from_robot=Pose(xyz=[1.0, 2.0, 0.5]), payload_kg=2.0)
 MODEL = load_robot(ROBOT, None)
 LINK = LinkSettings(name="bus", kind="can", delay_s=0.03, silence_timeout_s=0.1, reaction_s=0.1)
 BUDGET = DelayBudget.from_settings(25.0, [LINK], stale_s=0.12)
@@ -79,16 +74,7 @@ def spheres(*centres, radius=0.2) -> BodyZones:
     )
     zones = Capsules(centre, centre, np.full(centre.shape[:-1], radius))
     ids = tuple(range(len(centres)))
-    return BodyZones(
-        zones=Zones(ids, ("sphere",), TIMES, zones),
-        paths=zones,
-        lost=np.zeros(len(ids), bool),
-        age_s=0.05,
-        capture_ns=10**9,
-        speeds=speeds_of(*np.zeros(len(ids))),
-        segments_m_s=np.zeros((len(ids), 1)),
-        as_assumed=np.ones(len(ids), bool),
-    )
+    return bodies_in(Zones(ids, ("sphere",), TIMES, zones))
 
 
 def now(qd) -> RobotNow:

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.geometry import Capsules
-from hri_predict.base.settings import Pose
 from hri_predict.contracts.link import LinkSettings
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
@@ -20,11 +19,12 @@ from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Separation
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.terms import Finding
-from hri_predict.robots.model import RobotSettings, load_robot
+from hri_predict.robots.model import load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
-from hri_predict.zones.body_zones import BodyZones
 from hri_predict.zones.types import Zones
-from tests.hri_predict.risk.people_speeds import speeds_of
+from tests.arms import arm_settings
+from tests.hri_predict.risk.demands import asks
+from tests.hri_predict.risk.people_speeds import bodies_in, speeds_of
 
 # -- demands ---------------------------------------------------------------------------------------
 
@@ -83,20 +83,8 @@ def test_milder_lies_between_what_both_ask_and_nothing(one, other):
 
 
 def test_milder_by_hand():
-    zones = Demand(
-        level=Level.STOP,
-        release=Level.STOP,
-        limit_m_s=0.0,
-        release_limit_m_s=0.0,
-        reason=Reason.PERSON_APPROACHING,
-    )
-    standard = Demand(
-        level=Level.SLOW,
-        release=Level.STOP,
-        limit_m_s=0.3,
-        release_limit_m_s=0.0,
-        reason=Reason.PERSON_NEAR,
-    )
+    zones = asks(Level.STOP, 0.0)
+    standard = asks(Level.SLOW, 0.3, Reason.PERSON_NEAR, release=Level.STOP, release_limit_m_s=0.0)
     assert zones.milder(standard) == standard
     # of the same level the higher limit gives the reason
     slower = replace(zones, level=Level.SLOW, limit_m_s=0.2, release_limit_m_s=0.1)
@@ -106,13 +94,7 @@ def test_milder_by_hand():
 # -- one robot -------------------------------------------------------------------------------------
 
 READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])
-ROBOT = RobotSettings(
-    name="arm",
-    model="ur5e",
-    room_from_robot=Pose(xyz=[0.0, 0.0, 0.0]),
-    payload_kg=2.0,
-    max_speed_m_s=1.0,
-)
+ROBOT = arm_settings(payload_kg=2.0)
 MODEL = load_robot(ROBOT, None)
 LINK = LinkSettings(name="bus", kind="can", delay_s=0.03, silence_timeout_s=0.1, reaction_s=0.1)
 BUDGET = DelayBudget.from_settings(25.0, [LINK], stale_s=0.12)
@@ -143,16 +125,7 @@ def sphere(x, speed_m_s=0.0, radius_m=0.2, growth_m_s=0.0):
     centre[..., 2] = 1.0
     radius = (radius_m + growth_m_s * TIMES).reshape(1, -1, 1)
     capsules = Capsules(centre, centre, radius)
-    return BodyZones(
-        zones=Zones((7,), ("sphere",), TIMES, capsules),
-        paths=capsules,
-        lost=np.zeros(1, bool),
-        age_s=0.05,
-        capture_ns=10**9,
-        speeds=speeds_of(0.0),
-        segments_m_s=np.zeros((1, 1)),
-        as_assumed=np.ones(1, bool),
-    )
+    return bodies_in(Zones((7,), ("sphere",), TIMES, capsules))
 
 
 PLACES = np.arange(0.6, 5.0, 0.2)

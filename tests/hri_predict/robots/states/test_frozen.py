@@ -7,13 +7,13 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.states.frozen import BASE_HELD_S
 from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.robots.trajectory import load_trajectory
 from tests.hri_predict.robots import mobile
+from tests.messages import make_state
 
 MS = 1_000_000
 PERIOD_S = 0.02
@@ -43,13 +43,7 @@ class Arm:
         q, qd = self.true if lie is None else lie(*self.true)
         q, qd = np.round(np.asarray(q) * 4000) / 4000, np.round(np.asarray(qd) * 1000) / 1000
         self.counter += 1
-        state = RobotState(
-            robot=0,
-            mode=RobotMode.AUTOMATIC,
-            counter=self.counter,
-            positions=tuple(q.tolist()),
-            velocities=tuple(qd.tolist()),
-        )
+        state = make_state(tuple(q.tolist()), tuple(qd.tolist()), counter=self.counter)
         self.tracker.update(state, self.now_ns + jitter_ns)
         return self.tracker.at(self.now_ns + jitter_ns)
 

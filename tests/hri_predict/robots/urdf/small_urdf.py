@@ -1,13 +1,11 @@
 """A small URDF for the tests, and the command line that converts it."""
 
 import struct
-import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from hri_predict import cli
+from tests.commands import status_of
 
 URDF = Path(__file__).with_name("small.urdf").read_text(encoding="utf-8")
 CORNERS = np.array([[x, y, z] for x in (-0.4, 0.4) for y in (-0.04, 0.04) for z in (-0.03, 0.05)])
@@ -29,9 +27,4 @@ CHAIN = ["--base", "plate", "--tip", "camera", "--leave-out", "finger"]
 def run(path: Path, *arguments: str) -> int:
     """Exit status of ``hri-predict urdf``."""
     out = [] if "--out" in arguments else ["--out", str(path.parent / "mine.yaml")]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["hri-predict", "urdf", str(path), *arguments, *out])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-    assert isinstance(ended.value.code, int)
-    return ended.value.code
+    return status_of("urdf", path, *arguments, *out)

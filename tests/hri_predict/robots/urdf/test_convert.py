@@ -16,6 +16,7 @@ from hri_predict.robots.file import read_robot_file
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
 from hri_predict.robots.urdf import convert as converter
 from hri_predict.robots.urdf.tree import read_chain
+from tests.arms import arm_settings
 from tests.hri_predict.robots.urdf.small_urdf import CHAIN, CORNERS, STOP, URDF, run, stl
 
 
@@ -25,9 +26,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
     (folder / "arm.stl").write_bytes(stl(CORNERS))
     (folder / "small.urdf").write_text(URDF.replace("MESH", "arm.stl"))
     assert run(folder / "small.urdf", *CHAIN, *STOP) == 0
-    settings = RobotSettings(
-        name="arm", model="mine.yaml", room_from_robot=Pose(), payload_kg=1.0, max_speed_m_s=1.0
-    )
+    settings = arm_settings("mine.yaml", payload_kg=1.0)
     return load_robot(settings, folder)
 
 

@@ -1,7 +1,5 @@
 """The benchmark's train windows as batches."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -13,8 +11,8 @@ from hri_predict.lab.datasets.cmu_benchmark import from_model, read_clip, to_mod
 from hri_predict.lab.training.loop import fingerprint
 from hri_predict.lab.training.windows.benchmark import BenchmarkData, BenchmarkSamples
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
+from tests.shared import DATA, needs_data
 
-SHARED = Path(__file__).resolve().parents[6] / "shared" / "data"
 FRAMES = {
     "train/walking_1": 400,
     "train/walking_2": 120,
@@ -171,11 +169,11 @@ def test_something_must_validate_that_is_not_fitted(pack):
         opened(pack)
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="needs ../shared/data")
+@needs_data
 def test_all_train_windows_of_the_pack():
-    source = BenchmarkSamples(BenchmarkData(root=SHARED, refit=True), 10, 25)
+    source = BenchmarkSamples(BenchmarkData(root=DATA, refit=True), 10, 25)
     assert source.window_count == 15818  # as the pack's own table counts them
-    chosen = BenchmarkSamples(BenchmarkData(root=SHARED), 10, 25)
+    chosen = BenchmarkSamples(BenchmarkData(root=DATA), 10, 25)
     assert len(chosen.actions) == 7
     assert chosen.window_count < source.window_count
     assert chosen.rest().shape == (25, 3)

@@ -17,8 +17,8 @@ from hri_predict.lab.training.windows.motion import DataSettings, MotionSamples
 from hri_predict.lab.training.windows.trackers import TrackerSettings
 from hri_predict.predictors.neural.body import BODY, CMU38
 from hri_predict.predictors.neural.network import Shape
+from tests.shared import DATA, needs_data
 
-DATA = Path(__file__).resolve().parents[5].parent / "shared" / "data"
 SHAPE = Shape(skeleton=BODY, history_steps=15, horizon_steps=25, rate_hz=25.0)
 PLAIN = AugmentSettings(
     mirror=0, yaw=False, scale=0, warp=0, slow=0, reverse=0, truncate=0, noise=0, outliers=0,
@@ -325,7 +325,7 @@ def test_a_weight_of_an_action_that_is_not_there_is_told(folder, caplog):
     assert "no effect for lien; the recordings show" in caplog.text
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="needs ../shared/data")
+@needs_data
 class TestPack:
     def test_tracks_are_the_files_joints_with_z_up(self):
         path = DATA / "cmu_mocap" / "test" / "walking_1.npz"
