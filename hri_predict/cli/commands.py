@@ -11,6 +11,7 @@ import sys
 from functools import lru_cache
 from importlib import metadata, util
 from pathlib import Path
+from types import FunctionType
 from typing import Annotated, Any
 
 import typer
@@ -45,11 +46,16 @@ class Commands(TyperGroup):
         name, _, rest = super().resolve_command(ctx, args)
         if name is None:
             return None, None, rest
+        from hri_predict.base.errors import ConfigError
         from hri_predict.contracts import registry
 
         part = registry.load("commands", name)
         if not isinstance(part, typer.Typer):
             function, part = part, typer.Typer(add_completion=False)
+            if not isinstance(function, FunctionType):
+                raise ConfigError(
+                    f"command '{name}' is not a function; fix the package that provides it"
+                )
             part.command()(function)
         command = typer.main.get_command(part)
         command.name = name
@@ -71,15 +77,15 @@ def _summary(point: metadata.EntryPoint) -> str:
 
     Importing all commands takes seconds, and parsing their files longer than the rest of the list.
     """
-    package, *inside = point.module.split(".")
     try:
+        package, *inside = point.module.split(".")
         found = util.find_spec(package)
         path = Path(found.origin if found is not None and found.origin is not None else "")
         if inside:
             path = path.parent.joinpath(*inside)
             path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
         text = path.read_text(encoding="utf-8")
-    except (OSError, ValueError):
+    except (AttributeError, OSError, ValueError):
         return ""  # a package that is damaged, or no file: calling the command says why
     function = re.search(rf"^def {point.attr}\(.*?(?=^[^\s)]|\Z)", text, re.M | re.S)
     docstring = re.search(

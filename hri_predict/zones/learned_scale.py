@@ -50,6 +50,10 @@ second, a forecast is always found.
 KNOT_STEPS = (1, 2, 3, 5, 8, 11, 15, 20, 25, 30)
 """Steps at which the network is evaluated; the scale's logarithm is linear between them."""
 
+MOST_NUMBER = 100.0
+"""Maximum magnitude of a number of the network; fitted ones are below 2, and a damaged one may make
+every zone small."""
+
 KINDS = tuple(dict.fromkeys(n.removeprefix("l_").removeprefix("r_") for n in JOINTS))
 
 NOW = (
@@ -222,9 +226,9 @@ class ScaleNetwork:
         except (KeyError, TypeError, OverflowError) as error:
             raise ValueError("the scale is not a valid network") from error
         plain, width = len(NOW) + len(AHEAD), len(NOW) + len(AHEAD) + len(KINDS)
-        if mean.shape == (plain - 1,) == deviation.shape and layers:
+        if mean.shape == (plain - 1,) == deviation.shape and _inputs_of(layers) == width - 1:
             mean, deviation, layers = _without_spread(mean, deviation, layers)
-        if mean.shape != (plain,) or deviation.shape != (plain,) or not (deviation > 0).all():
+        if mean.shape != (plain,) or deviation.shape != (plain,) or not (deviation > 1e-4).all():
             raise ValueError("the scale's mean or deviation does not fit its inputs")
         for weights, biases in layers:
             if weights.ndim != 2 or weights.shape[0] != width or biases.shape != weights.shape[1:]:
@@ -238,12 +242,16 @@ class ScaleNetwork:
 _Layers = tuple[tuple[Floats, Floats], ...]
 
 
+def _inputs_of(layers: _Layers) -> int | None:
+    return layers[0][0].shape[0] if layers and layers[0][0].ndim == 2 else None
+
+
 def _without_spread(
     mean: Floats, deviation: Floats, layers: _Layers
 ) -> tuple[Floats, Floats, _Layers]:
     """Insert a spread without influence: calibrations of 0.2 do not have this input."""
     (weights, biases), *rest = layers
-    weights = np.insert(weights, len(mean), 0.0, axis=0) if weights.ndim == 2 else weights
+    weights = np.insert(weights, len(mean), 0.0, axis=0)
     return np.append(mean, 0.0), np.append(deviation, 1.0), ((weights, biases), *rest)
 
 
@@ -253,8 +261,8 @@ def _rounded(values: Floats) -> Any:
 
 def _array(values: Any) -> Floats:
     found = np.array(values, dtype=np.float64)
-    if not np.isfinite(found).all():
-        raise ValueError("the scale's network holds a number that is not finite")
+    if not (np.abs(found) <= MOST_NUMBER).all():
+        raise ValueError(f"the scale's network holds a number beyond {MOST_NUMBER:g}, or none")
     return found
 
 
@@ -297,7 +305,13 @@ class LearnedScale:
         )
 
     def __call__(self, evidence: Evidence) -> Floats:
-        """Return (P, H, J) metres; never shrinks with the horizon; infinite without a kind."""
+        """Return (P, H, J) metres; never shrinks with the horizon; infinite without a kind.
+
+        Raises:
+            ValueError: ``std`` is not of the forecast's shape.
+        """
+        if evidence.std is not None and evidence.std.shape != evidence.forecast.shape[:3]:
+            raise ValueError(f"std has the shape {evidence.std.shape}, not that of the forecast")
         seen = EvidenceArrays(
             history=plain(evidence.history),
             observed=plain_flags(evidence.observed),

@@ -82,7 +82,7 @@ TERMS = (
     Term(
         key="seen",
         text="zones of observed joints",
-        remedy="calibrate for this site (calibrate --site), or choose another predictor",
+        remedy="calibrate for this site (calibrate --onto shipped), or choose another predictor",
     ),
     Term(
         key="margins",

@@ -80,3 +80,13 @@ def test_a_command_that_cannot_be_loaded_is_one_line_and_harms_no_other(source, 
     assert says in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert command("--help", cwd=tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize("entry", ["number = others:NUMBER", "odd = a b c", "nothing ="])
+def test_what_is_not_a_function_is_no_command(tmp_path, entry):
+    package(tmp_path, entry, "NUMBER = 3\n")
+    name = entry.split()[0]
+    assert command("--help", cwd=tmp_path).returncode == 0
+    done = command(name, cwd=tmp_path)
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False)
+    assert "fix the package" in done.stderr

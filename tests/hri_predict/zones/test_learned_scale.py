@@ -214,6 +214,7 @@ def test_joints_of_no_known_kind_are_unbounded():
         observed=known.observed[:, :, :3],
         forecast=known.forecast[:, :, :3],
         error_m=known.error_m[..., :3],
+        std=known.std[..., :3],
     )
     assert kind_of(skeleton).tolist() == [KINDS.index("waist"), KINDS.index("neck"), -1]
     found = scale(skeleton=skeleton)(some)
@@ -286,3 +287,20 @@ def test_a_network_that_overflows_is_unbounded_and_does_not_fail():
         found = scale(huge)(evidence())
     assert (np.isinf(found) | (found >= LEAST_M * (1 - 1e-12))).all()
     assert not np.isnan(found).any()
+
+
+@pytest.mark.parametrize("rows", [0, 5, 22])
+def test_a_network_of_0_2_with_too_few_rows_is_refused(rows):
+    data = network().to_json()
+    data["mean"].pop()
+    data["deviation"].pop()
+    data["layers"][0]["weights"] = data["layers"][0]["weights"][:rows] or [[]]
+    with pytest.raises(ValueError, match="mean or deviation does not fit"):
+        ScaleNetwork.of_json(data)
+
+
+def test_a_spread_of_another_shape_is_refused_rather_than_read_past_its_end():
+    known = evidence()
+    assert known.std is not None
+    with pytest.raises(ValueError, match="not that of the forecast"):
+        scale()(replace(known, std=known.std[:, :3]))

@@ -184,13 +184,13 @@ def activities(names: Sequence[str], data: Path | None) -> tuple[list[Activity],
         return found, notes
     simulated = [each.name for each in ACTIVITIES.values() if not each.is_recorded]
     said = (
-        f"left out, for they are recordings of the data pack, which is not in "
-        f"{data or '../shared/data'}: {', '.join(missing)}; name its folder with --data, or your "
-        f"own recordings with --activity FILE; simulated people need none: {', '.join(simulated)}"
+        f"the data pack with the recordings for {', '.join(missing)} is not in "
+        f"{data or '../shared/data'}; name its folder with --data, or your own recordings with "
+        f"--activity FILE; simulated people need none: {', '.join(simulated)}"
     )
     if not found:
         raise ConfigError(f"--activity: {said}")
-    return found, [*notes, said]
+    return found, [*notes, f"Left out: {said}"]
 
 
 def _own_recording(name: str) -> Activity:
