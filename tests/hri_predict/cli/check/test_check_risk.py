@@ -107,7 +107,7 @@ def test_a_predictor_with_settings_of_its_own_is_not_calibrated(tmp_path):
 
 
 def test_a_guarantee_that_so_few_recordings_do_not_give_is_refused(checked):
-    with pytest.raises(ConfigError, match="with 65 more, lower the level, or set basis"):
+    with pytest.raises(ConfigError, match="with 45 more, lower the level, or set basis"):
         checked("  mode: predictive\n  coverage: {basis: guaranteed}\n")
 
 
