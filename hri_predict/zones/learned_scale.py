@@ -65,7 +65,7 @@ NOW = (
 """Inputs that are the same for all steps."""
 AHEAD = ("moved", "speed_ahead", "lead", "log_lead", "spread")
 """Inputs of each step. The spread is the standard deviation that a forecast states, such as how far
-the members of ``average`` differ; 0 without one."""
+the members of ``average`` differ; 0 without one, which only a network that ignores it may see."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -287,6 +287,7 @@ class LearnedScale:
         below = np.maximum(above - 1, 0)
         kinds, now = kind_of(skeleton), len(NOW)
         (weights, biases), *rest = network.layers
+        self._reads_spread = bool(weights[now + AHEAD.index("spread")].any())
         of_kind = np.concatenate([weights[now + len(AHEAD) :], np.zeros((1, weights.shape[1]))])
         self._tables = Tables(
             rate_hz=float(rate_hz),
@@ -307,11 +308,16 @@ class LearnedScale:
     def __call__(self, evidence: Evidence) -> Floats:
         """Return (P, H, J) metres; never shrinks with the horizon; infinite without a kind.
 
+        Also infinite where a network that reads the spread is given none: 0 would mean that a
+        forecast is certain.
+
         Raises:
             ValueError: ``std`` is not of the forecast's shape.
         """
         if evidence.std is not None and evidence.std.shape != evidence.forecast.shape[:3]:
             raise ValueError(f"std has the shape {evidence.std.shape}, not that of the forecast")
+        if evidence.std is None and self._reads_spread:
+            return np.full(evidence.forecast.shape[:3], np.inf)
         seen = EvidenceArrays(
             history=plain(evidence.history),
             observed=plain_flags(evidence.observed),

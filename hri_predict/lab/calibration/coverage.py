@@ -176,7 +176,7 @@ def run_zones(
     found = []
     for window in range(len(entry.origin_ns)):
         snapshot = snapshot_of(entry, window, predictor.history_steps)
-        forecast = Forecast(entry.forecast[window][None], None)
+        forecast = forecast_of(entry, window)
         trust = check.check(snapshot)
         if not settings.self_check:
             trust = trust.residual_alone()
@@ -187,6 +187,12 @@ def run_zones(
         check.note(snapshot, forecast, spheres.claimed)
         found.append((spheres, trust))
     return found
+
+
+def forecast_of(entry: Scores, window: int) -> Forecast:
+    """Return the forecast of one window, as the node has it."""
+    one = slice(window, window + 1)
+    return Forecast(entry.forecast[one], None if entry.std is None else entry.std[one])
 
 
 def snapshot_of(entry: Scores, window: int, history_steps: int) -> PeopleSnapshot:

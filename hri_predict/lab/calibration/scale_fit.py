@@ -9,6 +9,7 @@ is shipped is fitted to all.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -106,6 +107,8 @@ def cross_scales(
         workers: workers that fit; default: this process.
         scores, rate_hz, skeleton: see ``conformal.calibrate``.
     """
+    if any(entry.std is None for entry in scores):  # what is stated at times cannot be relied on
+        scores = [replace(entry, std=None) for entry in scores]
     rows = _Rows(scores, rate_hz, skeleton)
     fold_of = {name: k % FOLDS for k, name in enumerate(rows.names)}
     of_unit = np.array([fold_of[name] for name in rows.names])
@@ -172,6 +175,8 @@ def _fitted(rows: _Rows, windows: Ints) -> ScaleNetwork:
         optimiser.step()
         schedule.step()
     layers = [layer for layer in net if isinstance(layer, nn.Linear)]
+    if not rows.ahead[..., AHEAD.index("spread")].any():  # none is stated: its weights are chance
+        layers[0].weight.data[:, len(NOW) + AHEAD.index("spread")] = 0.0
     return ScaleNetwork(
         mean=mean,
         deviation=deviation,

@@ -15,8 +15,7 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.geometry import Capsules
 from hri_predict.base.settings import Pose
 from hri_predict.base.skeleton import Skeleton
-from hri_predict.contracts.predictor import Forecast
-from hri_predict.lab.calibration.coverage import Calibrated, run_zones, snapshot_of
+from hri_predict.lab.calibration.coverage import Calibrated, forecast_of, run_zones, snapshot_of
 from hri_predict.lab.calibration.scores import Scores
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.trajectory import load_trajectory
@@ -93,7 +92,7 @@ def zone_scene(
         radii=radii,
         with_paths=False,
     )
-    forecast = Forecast(entry.forecast[window][None], None)
+    forecast = forecast_of(entry, window)
     snapshot = snapshot_of(entry, window, predictor.history_steps)
     body = builder.build(snapshot, forecast, trust=trust)
     capsules = body.zones.capsules

@@ -275,7 +275,7 @@ def score_presence(
         residual_m=_residual(seen, at, forecast, predictor.rate_hz),
         past_error_m=_past_errors(seen, at, forecast, predictor.rate_hz),
         truth=presence,
-        std=np.concatenate(stated) if stated else None,
+        std=np.concatenate(stated) if len(stated) == len(made) else None,
     )
 
 

@@ -304,3 +304,11 @@ def test_a_spread_of_another_shape_is_refused_rather_than_read_past_its_end():
     assert known.std is not None
     with pytest.raises(ValueError, match="not that of the forecast"):
         scale()(replace(known, std=known.std[:, :3]))
+
+
+def test_a_missing_spread_is_not_taken_for_none_at_all():
+    known = replace(evidence(), std=None)
+    assert np.isinf(scale()(known)).all()
+    own = network()
+    own.layers[0][0][len(NOW) + AHEAD.index("spread")] = 0.0  # it does not read the spread
+    assert np.isfinite(scale(own)(known)).any()

@@ -16,6 +16,7 @@ from hri_predict.people.snapshot import Inferred, LostPerson, PeopleSnapshot, Re
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.warm_up_people import made_up_ticks
 from hri_predict.zones import (
     body_zones,
     human_speed,
@@ -256,3 +257,9 @@ def test_nothing_is_compiled_after_the_warm_up(monkeypatch: pytest.MonkeyPatch) 
                 forecast = Forecast(positions, forecast.std)
             engine.zones(snapshot, forecast)
     assert compiled == []
+
+
+def test_the_warm_up_compiles_a_scale_that_reads_the_spread() -> None:
+    """Without a spread such a scale evaluates nothing, and would be compiled in the first tick."""
+    for _, forecast in made_up_ticks(COUNT, STEPS, RATE_HZ):
+        assert forecast is None or forecast.std is not None

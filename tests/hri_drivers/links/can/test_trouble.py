@@ -145,6 +145,32 @@ def test_bus_off_is_told_and_the_link_comes_back_by_itself(kernel):
 
 
 @pytest.mark.realtime
+def test_a_full_transmit_queue_costs_no_newer_advice(kernel):
+    with started() as link:
+        kernel.send_error = errno.ENOBUFS
+        for latch_id in range(1, 6):
+            link.post(advice(latch_id))
+        eventually(lambda: link.counters.write_errors > 3)
+        assert "transmit queue full" in str(link.last_error)
+        assert kernel.sent == []
+        kernel.send_error = None
+        eventually(lambda: len(kernel.sent) >= 3)
+        assert kernel.sent[2].data[2] == 5  # LATCH_ID's low byte: the newest
+        assert link.connected
+
+
+@pytest.mark.realtime
+def test_a_queue_that_stays_full_gets_the_interface_opened_afresh(kernel):
+    with started() as link:
+        kernel.send_error = errno.ENOBUFS
+        link.post(advice(1))
+        eventually(lambda: kernel.opened > 1)
+        kernel.send_error = None
+        eventually(lambda: len(kernel.sent) >= 3)
+        assert link.counters.disconnects >= 1
+
+
+@pytest.mark.realtime
 @pytest.mark.parametrize("way", ["sending", "receiving"])
 def test_a_device_that_is_set_down_is_named_and_taken_up_again(kernel, way, monkeypatch, tmp_path):
     with started() as link:

@@ -212,6 +212,14 @@ def test_where_nothing_is_cut_zones_as_run_hold_what_their_radii_hold(scored, ra
         assert balls.radius[0, 1:] == pytest.approx(0.15)
 
 
+def test_zones_as_run_read_the_spread_that_the_forecasts_state(scored):
+    scores, calibration = scored(zero, 0.15)
+    stated = replace(scores[0], std=np.full(scores[0].error_m.shape, 0.05))  # log1p(20 x 0.05)
+    reads = replace(calibration, shape=None, scale=scale_of(spread=1.0))
+    for balls, _ in run_zones(stated, Calibrated(zero(), reads), CUT, UNBOUNDED):
+        assert balls.radius[0, 1:] == pytest.approx(0.30)
+
+
 @pytest.mark.parametrize("rate_hz", [120.0, 30.0, 12.5, 8.0])
 def test_past_errors_are_the_same_live_as_in_the_scores(scored, rate_hz):
     frames = round(3 * rate_hz)

@@ -11,8 +11,10 @@ from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.lab.calibration.scale_fit import FOLDS, QUANTILE, cross_scales
 from hri_predict.lab.calibration.scores import HISTORY_STEPS, Presence, Scores, evidence_of
 from hri_predict.zones.learned_scale import (
+    AHEAD,
     BEYOND,
     KINDS,
+    NOW,
     LearnedScale,
     inputs_ahead,
     inputs_now,
@@ -172,3 +174,13 @@ def test_the_network_in_numpy_is_that_of_torch():
     found = np.log(LearnedScale(network, CANONICAL, RATE_HZ, STEPS)(known))[:, knots - 1]
     # 32-bit floats: 6e-8 of values up to 10, over three layers of 36 to 64 terms: 1e-5, times ten
     np.testing.assert_allclose(found, np.maximum.accumulate(log, axis=1), atol=1e-4)
+
+
+def test_a_spread_that_is_stated_at_times_is_not_read():
+    first, *others = entries()
+    stated = replace(first, std=np.ones(first.error_m.shape))
+    for given in ([first, *others], [stated, *others]):
+        with short_fit():
+            network, scales = fitted(given)
+        assert not network.layers[0][0][len(NOW) + AHEAD.index("spread")].any()
+        assert all(np.isfinite(own).any() for own in scales)

@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+from hri_predict.base.settings import Region
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.lost.lost_people import match_places
 from hri_predict.protocol.reasons import Reason
@@ -319,6 +320,13 @@ def test_what_is_no_memory_is_refused(make_room, data):
 )
 def test_points_in_a_prism(point, inside):
     assert DOOR.contains(np.array(point)) is inside
+
+
+def test_points_in_a_polygon_that_is_not_convex():
+    horseshoe = Region(polygon=[[0, 0], [3, 0], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]])
+    assert horseshoe.contains(np.array([0.5, 2.0, 1.0]))
+    assert horseshoe.contains(np.array([2.5, 2.0, 1.0]))
+    assert not horseshoe.contains(np.array([1.5, 2.0, 1.0]))
 
 
 def test_places_are_matched_nearest_first_and_once():
