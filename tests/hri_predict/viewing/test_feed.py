@@ -84,7 +84,7 @@ def node_with_page(tmp_path):
 
 def _pages_of(node) -> list[int]:
     children = subprocess.run(
-        ["ps", "--ppid", str(node.pid), "-o", "pid=,args="], capture_output=True, text=True
+        ["ps", "-ww", "--ppid", str(node.pid), "-o", "pid=,args="], capture_output=True, text=True
     ).stdout
     return [int(each.split()[0]) for each in children.splitlines() if feeds.OPERATOR in each]
 
