@@ -226,24 +226,16 @@ def test_closing_twice_and_stopping_unstarted_is_fine():
     controller.wire.close()
 
 
-class Adapter:
+class Adapter(Controller):
     """A USB adapter with a controller behind it, as ``list_ports`` shows it."""
 
     def __init__(self, serial_number: str) -> None:
+        super().__init__()
+        self.device = self.path
         self.vid: int | None = 0x0403
         self.pid: int | None = 0x6001
         self.location: str | None = "1-1"
         self.serial_number: str | None = serial_number
-        master, self.device = open_pty()
-        self.wire = PtyTransport(master)
-        self.wire.open()
-        self.receiver = SerialReceiver()
-        self.heard: list[Any] = []
-
-    def listen(self) -> list[Any]:
-        for chunk in self.wire.read(0.02):
-            self.heard += self.receiver.feed(chunk)
-        return self.heard
 
 
 def test_an_adapter_that_comes_back_under_another_name_is_found():
