@@ -13,11 +13,11 @@ HIGH = 0.8
 LOW = 0.6
 """Share of a tick's time below which a kind is restored; a kind saves less than the difference."""
 SHED_TICKS = 2
-"""Consecutive ticks above ``HIGH`` after which one more kind is left out, because a single one may
-be chance.
+"""Number of consecutive ticks that counts, because one may be chance: above ``HIGH``, one more kind
+is left out; above ``LOW``, the time to restore starts again.
 """
 RESTORE_NS = 5_000_000_000
-"""Ticks must stay below ``LOW`` for this long before one message kind is restored."""
+"""Time for which ticks must stay below ``LOW`` before one message kind is restored."""
 LONGEST_NS = 80_000_000_000
 """Maximum to which ``RESTORE_NS`` is doubled if ticks soon become too long again."""
 ORDER: Sequence[type[Message]] = (Pose, Zone)
@@ -35,7 +35,7 @@ class Shedding:
         self.without: dict[type[Message], int] = dict.fromkeys(ORDER, 0)
         self.sheds = 0
         self._left_out = 0  # of ``ORDER``
-        self._high = 0  # ticks in a row
+        self._high = self._not_low = 0  # ticks in a row
         self._calm_since_ns: int | None = None
         self._patience_ns = RESTORE_NS
         self._restored_ns: int | None = None
@@ -54,9 +54,10 @@ class Shedding:
         for kind in ORDER[: self._left_out]:
             self.without[kind] += 1
         self._high = self._high + 1 if used > HIGH else 0
-        if used >= LOW:
+        self._not_low = self._not_low + 1 if used >= LOW else 0
+        if self._not_low >= SHED_TICKS:
             self._calm_since_ns = None
-        elif self._calm_since_ns is None:
+        elif self._not_low == 0 and self._calm_since_ns is None:
             self._calm_since_ns = now_ns
         if self._high >= SHED_TICKS:
             self._shed(now_ns)

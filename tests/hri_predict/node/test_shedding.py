@@ -75,12 +75,21 @@ def test_between_the_bounds_nothing_changes():
     assert loop.left_out == [Pose]
 
 
-def test_one_tick_without_room_begins_the_wait_anew():
+def test_two_ticks_without_room_restart_the_wait():
     loop = shed()
     for _ in range(10):
         loop.run_for(0.5, RESTORE_NS * 1e-9 - 0.5)
-        loop.run(0.7)
+        loop.run(0.7, SHED_TICKS)
     assert loop.left_out == [Pose]
+
+
+def test_one_tick_without_room_does_not_restart_the_wait():
+    loop = shed()
+    for _ in range(5):
+        loop.run_for(0.5, RESTORE_NS * 1e-9 / 5)
+        loop.run(0.9)
+    loop.run(0.5)
+    assert loop.left_out == []
 
 
 def test_what_is_soon_left_out_again_comes_back_later_each_time():
