@@ -5,12 +5,12 @@ based on these. Inferred joints are added here, for the predictor and the risk s
 """
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats, Ints
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.body.body_model import LEAST_JOINTS
 from hri_predict.people.body.inferred import Filled, Inference
@@ -104,10 +104,18 @@ _GAIN = 2.2
 _KEPT_S = 0.5
 """Time constant with which a joint's last measured offset from its inferred position decays: its
 recent position is more informative than the posture."""
-_STEPS_BEFORE, _LEAST_BEFORE = 4, 2
-"""The recent position is used if the joint was measured in two of the four steps before. A single
+_STEPS_BEFORE, _LEAST_BEFORE, _SETTLED_BEFORE = 12, 2, 4
+"""The recent position is trusted if the joint was known in two of the steps before. A single
 capture that shows a hidden arm is as often the other arm or part of a bench: then the posture may
-be right, and the joint may be in either position."""
+be right, and the joint may be in either position. With four, the joint is still near: see
+``RECENT_M_S``."""
+_CHANGE_STEPS = 4
+"""Number of steps over which a change of position counts as uncertainty."""
+RECENT_M_S = 1.0
+"""Increase of the speed at which a hidden joint may leave its continued position, over its last
+speed on the body."""
+_SPEED_STEPS = slice(2, 6)
+"""Lags, from 1, over which that speed is measured: over fewer steps, noise looks like speed."""
 HIDDEN_ARM = 1.5
 """Factor on the posture's uncertainty for an arm that stays hidden from the elbow on. It is often
 hidden because it reaches into something, which the posture does not show. More than one in a
@@ -133,7 +141,7 @@ def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
     carried = carry(snapshot.history, measured, rate_hz)
     arms = hidden_arms(measured)
     filled = _by_carried(inference.fill(carried.positions, carried.observed), carried)
-    filled = _continued(filled, snapshot, inference, rate_hz=rate_hz, carried=carried)
+    filled = _continued(filled, inference, measured, rate_hz=rate_hz, carried=carried)
     held = _held(filled, measured)
     held.within_m[:, -1] *= np.where(arms, HIDDEN_ARM, 1.0)
     joints: Bools = np.asarray(held.observed[:, -1] & ~measured[:, -1])
@@ -180,73 +188,131 @@ def _by_carried(filled: Filled, carried: Carried) -> Filled:
 
 
 def _continued(
-    filled: Filled,
-    snapshot: PeopleSnapshot,
-    inference: Inference,
-    *,
-    rate_hz: float,
-    carried: Carried,
+    filled: Filled, inference: Inference, measured: Bools, *, rate_hz: float, carried: Carried
 ) -> Filled:
-    """Return inferred positions that connect to the measured ones before and after them.
+    """Return inferred positions that connect to the known ones before and after them.
 
     A joint that is suddenly hidden would jump to its inferred position, and a predictor would treat
-    this as motion. The offset of the inferred position is known at the last measurement before and
-    the first one after. Within a gap, both offsets are weighted by nearness in time; at an end of
-    the history, the only offset decays. The last offset is as uncertain as the change of the
-    joint's position on the body in the steps before, or fully uncertain if the joint was seen only
-    once.
+    this as motion. The offset of the inferred position is known where the joint was last measured
+    and where it is next; of a joint that is never measured, where a rule gives its position. Within
+    a gap, both offsets are weighted by nearness in time; at an end of the history, the only offset
+    decays. The last offset is as uncertain as the change of the joint's position on the body in the
+    steps before, or fully uncertain if the joint was known only once. A joint that was hidden just
+    now is still near: see ``RECENT_M_S``.
     """
-    measured = snapshot.observed
-    steps = measured.shape[1]
-    step, hidden = np.arange(steps)[:, None], ~measured
-    last = np.maximum.accumulate(np.where(measured, step, -1), axis=1)  # (P, T, J)
-    next_ = np.minimum.accumulate(np.where(measured, step, steps)[:, ::-1], axis=1)[:, ::-1]
-    edge = np.zeros_like(measured)  # measured, and hidden in the step before or after
+    known = measured | filled.by_rule & ~measured.any(1, keepdims=True)
+    steps = known.shape[1]
+    step, hidden = np.arange(steps)[:, None], ~known
+    last = np.maximum.accumulate(np.where(known, step, -1), axis=1)  # (P, T, J)
+    next_ = np.minimum.accumulate(np.where(known, step, steps)[:, ::-1], axis=1)[:, ::-1]
+    edge = np.zeros_like(known)  # known, and hidden in the step before or after
     edge[:, :-1] |= hidden[:, 1:]
     edge[:, 1:] |= hidden[:, :-1]
-    edge &= measured
+    edge &= known
     if not edge.any():  # a bench hides the same joints all the time
         return filled
     rows = np.nonzero(edge.any(-1))
-    there = inference.fill(snapshot.history[rows], measured[rows] & ~edge[rows])
+    there = inference.fill(filled.positions[rows], measured[rows] & ~edge[rows])
+    edge[rows] &= there.observed
     off = np.zeros_like(filled.positions)
-    known = (edge[rows] & there.observed)[..., None]
-    off[rows] = np.where(known, snapshot.history[rows] - there.positions, 0.0)
+    off[rows] = filled.positions[rows] - there.positions
+    off[~edge] = 0.0
     since, until = (step - last) / rate_hz, (next_ - step) / rate_hz
     before, after = last >= 0, next_ < steps
     share = np.where(before & after, until / np.maximum(since + until, 1e-9), 0.0)
     first = np.where(before & ~after, np.exp(-since / _KEPT_S), share)
-    steady, changed_m = _steady(snapshot)
-    seen_last = np.maximum(last, 0)
-    unsure_m = np.where(steady, changed_m, np.linalg.norm(off, axis=-1))
-    unsure_m = first * np.take_along_axis(unsure_m, seen_last, axis=1)
     second = np.where(after & ~before, np.exp(-until / _KEPT_S), before * after - share)
-    add = first[..., None] * np.take_along_axis(off, seen_last[..., None], axis=1)
-    add += second[..., None] * np.take_along_axis(
-        off, np.minimum(next_, steps - 1)[..., None], axis=1
-    )
-    inferred = filled.observed & ~carried.observed
-    return filled._replace(
+    seen_last, next_ = np.maximum(last, 0), np.minimum(next_, steps - 1)
+    of_last = np.take_along_axis(off, seen_last[..., None], axis=1)
+    add = first[..., None] * of_last
+    add += second[..., None] * np.take_along_axis(off, next_[..., None], axis=1)
+    inferred = filled.observed & ~carried.observed & hidden
+    unsure_m = first * np.linalg.norm(of_last, axis=-1)
+    unsure_m[:, -1] = 0.0  # of the newest step the zones are made
+    found = filled._replace(
         positions=np.where(inferred[..., None], filled.positions + add, filled.positions),
         within_m=np.where(inferred, filled.within_m + unsure_m, filled.within_m),
     )
+    now_m = _within_now(
+        filled, known, carried, last=last[:, -1], off=of_last[:, -1], tied=edge, rate_hz=rate_hz
+    )
+    found.within_m[:, -1] = np.where(inferred[:, -1], now_m, filled.within_m[:, -1])
+    return found
 
 
-def _steady(snapshot: PeopleSnapshot) -> tuple[Bools, Floats]:
-    """Return whether joints (P, T, J) were also measured before, and the maximum change of their
-    position since then in metres, relative to the mean of all seen joints."""
-    measured, history = snapshot.observed, snapshot.history
-    before, changed_m = np.zeros(measured.shape), np.zeros(measured.shape)
-    for lag in range(1, min(_STEPS_BEFORE, measured.shape[1] - 1) + 1):
-        both = np.zeros_like(measured)
-        both[:, lag:] = measured[:, lag:] & measured[:, :-lag]
-        moved = np.zeros_like(history)
-        moved[:, lag:] = history[:, lag:] - history[:, :-lag]
-        moved = np.where(both[..., None], moved, 0.0)
-        moved -= (moved.sum(-2) / np.maximum(both.sum(-1), 1)[..., None])[..., None, :]
-        before += both
-        changed_m = np.maximum(changed_m, np.where(both, np.linalg.norm(moved, axis=-1), 0.0))
-    return before >= _LEAST_BEFORE, changed_m
+def _within_now(
+    filled: Filled,
+    known: Bools,
+    carried: Carried,
+    *,
+    last: Ints,
+    off: Floats,
+    tied: Bools,
+    rate_hz: float,
+) -> Floats:
+    """Return (P, J) maximum errors of the newest continued positions, in metres.
+
+    Args:
+        filled, carried: bodies (P, T, J).
+        known: (P, T, J) see ``_continued``.
+        last: (P, J) last known step; -1: none.
+        off: (P, J, 3) offset of the inferred position there.
+        tied: (P, T, J) whether offsets are known.
+        rate_hz: steps per second.
+    """
+    since_s = (known.shape[1] - 1 - last) / rate_hz
+    kept = np.where(last >= 0, np.exp(-since_s / _KEPT_S), 0.0)
+    off_m, at = np.linalg.norm(off, axis=-1), np.maximum(last, 0)
+    before = _before(filled.positions, known, at, rate_hz)
+    unsure_m = np.where(before.known >= _LEAST_BEFORE, before.changed_m, off_m)
+    by_posture_m = filled.within_m[:, -1] + kept * unsure_m
+    carried_m = carried.within_m.max(-1, keepdims=True)
+    recent_m = before.changed_m + since_s * (RECENT_M_S + before.speed_m_s)
+    recent_m += (1.0 - kept) * off_m + _at(filled.within_m + carried_m, at) + carried_m[:, -1]
+    is_recent = (before.known >= _SETTLED_BEFORE) & _at(tied, at)
+    return np.where(is_recent, np.minimum(by_posture_m, recent_m), by_posture_m)
+
+
+class _Before(NamedTuple):
+    """Joints (P, J) in the steps before the last known one: number of steps in which they were
+    known, how far they moved since, and how fast, in metres and m/s relative to the body."""
+
+    known: Ints
+    changed_m: Floats
+    speed_m_s: Floats
+
+
+def _before(positions: Floats, known: Bools, last: Ints, rate_hz: float) -> _Before:
+    """Describe joints before step ``last`` (P, J); positions (P, T, J, 3) and known (P, T, J)."""
+    on_body = positions - _body_path(positions, known)[:, :, None]
+    lags = np.arange(1, _STEPS_BEFORE + 1)[:, None]
+    at = last[:, None] - lags
+    there = (at >= 0) & np.take_along_axis(known, np.maximum(at, 0), axis=1)  # (P, lags, J)
+    places = np.take_along_axis(on_body, np.maximum(at, 0)[..., None], axis=1)
+    newest = np.take_along_axis(on_body, last[:, None, :, None], axis=1)
+    far_m = np.where(there, np.linalg.norm(newest - places, axis=-1), 0.0)
+    nearest = there.argmax(1)
+    jump_m = _at(far_m, nearest)
+    speeds = (far_m * rate_hz / lags)[:, _SPEED_STEPS]
+    speed_m_s = np.maximum(
+        speeds.max(1), jump_m * rate_hz / (nearest + 1) * ~there[:, _SPEED_STEPS].any(1)
+    )
+    changed_m = np.maximum(far_m[:, :_CHANGE_STEPS].max(1), jump_m)
+    return _Before(there.sum(1), changed_m, speed_m_s)
+
+
+def _body_path(positions: Floats, known: Bools) -> Floats:
+    """Return (P, T, 3) the mean motion of the known joints since the first step."""
+    both = known[:, 1:] & known[:, :-1]
+    moved = np.where(both[..., None], np.diff(positions, axis=1), 0.0).sum(2)
+    path = np.zeros((*positions.shape[:2], 3))
+    path[:, 1:] = np.cumsum(moved / np.maximum(both.sum(2), 1)[..., None], axis=1)
+    return path
+
+
+def _at(values: Any, step: Ints) -> Any:
+    """Return ``values`` (P, T, J) at each joint's step (P, J)."""
+    return np.take_along_axis(values, step[:, None], axis=1)[:, 0]
 
 
 def _held(filled: Filled, measured: Bools) -> Filled:
@@ -258,10 +324,9 @@ def _held(filled: Filled, measured: Bools) -> Filled:
     newest = np.maximum.accumulate(np.where(filled.observed, step, -1), axis=1)
     never = newest < 0
     newest = np.where(never | measured, step, newest)
-    return Filled(
-        np.take_along_axis(filled.positions, newest[..., None], axis=1),
-        filled.observed,
-        np.take_along_axis(filled.within_m, newest, axis=1),
+    return filled._replace(
+        positions=np.take_along_axis(filled.positions, newest[..., None], axis=1),
+        within_m=np.take_along_axis(filled.within_m, newest, axis=1),
     )
 
 

@@ -119,12 +119,13 @@ def frame_of(rule: Rule, positions: Floats, observed: Bools) -> Frame:
 
 
 class Filled(NamedTuple):
-    """Bodies with their inferred joints: positions (..., J, 3), observed (..., J), and (..., J)
-    maximum error of an inferred joint in metres; 0 for all others."""
+    """Bodies with their inferred joints: positions (..., J, 3), observed (..., J), (..., J) maximum
+    error of an inferred joint in metres, 0 for all others, and whether a rule gave it (..., J)."""
 
     positions: Floats
     observed: Bools
     within_m: Floats
+    by_rule: Bools
 
 
 class Inference:
@@ -146,7 +147,8 @@ class Inference:
             positions: (..., J, 3) metres, finite, in the room.
             observed: (..., J).
         """
-        filled = Filled(positions.copy(), observed.copy(), np.zeros(observed.shape))
+        none = np.zeros(observed.shape)
+        filled = Filled(positions.copy(), observed.copy(), none, none.astype(np.bool_))
         if observed.all():
             return filled
         _fill_by_rules(filled, observed)
@@ -184,6 +186,7 @@ def _fill_by_rules(filled: Filled, observed: Bools) -> None:
             new[..., None], frame.origin + offset, filled.positions[..., joint, :]
         )
         filled.observed[..., joint] |= new
+        filled.by_rule[..., joint] |= new
         filled.within_m[..., joint] = np.where(new, within, filled.within_m[..., joint])
         if rule.joint in _MIDPOINTS:
             known[..., joint] |= new

@@ -8,6 +8,7 @@ from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.scene import Person
 from hri_predict.people.body.body_model import body_model
 from hri_predict.people.body.inferred import Inference
+from hri_predict.people.inferring import HIDDEN_ARM
 from hri_sim.people.body import Body
 
 COCO = load_joint_map("coco17")
@@ -132,6 +133,60 @@ def test_a_hand_that_is_hidden_from_now_on_leaves_its_place_slowly(make_room):
     usual = fresh.last_positions[0, HAND] - fresh.last_positions[0, JOINTS.index("neck")]
     assert np.linalg.norm(usual - there) > 0.5
     assert np.linalg.norm(hidden[-1] - usual) < 0.4 * np.linalg.norm(hidden[0] - usual)
+
+
+ARM = [JOINTS.index(name) for name in LIMB]
+
+
+def test_an_arm_that_is_hidden_for_a_capture_is_still_near(make_room):
+    """A tracker that loses an arm for a moment does not make a zone of an arm's length."""
+    room, within = make_room(), []
+    for step in range(20):
+        room.see(person(raised(step)))
+    for step in range(20, 44):
+        after = room.see(person(raised(step), *LIMB))
+        off = np.linalg.norm(after.last_positions[0] - raised(step), axis=1)
+        within.append(after.inferred.within_m[0, ARM])
+        if step < 26:  # later it is where the posture has it, which a raised arm is not
+            assert (off[ARM] <= within[-1] + 1e-9).all()
+    by_posture = make_room().see(person(raised(0), *LIMB), times=12).inferred.within_m
+    assert (within[0] < 0.15).all()
+    assert (within[0] < by_posture[0, ARM] / 3).all()
+    assert (np.diff(within[:4], axis=0) > 0.02).all()  # it may have moved on
+    assert (within[-1] > 0.3).all()
+
+
+def test_an_arm_that_is_hidden_in_fast_motion_may_be_farther_away(make_room):
+    within = []
+    for speed_m_s in (0.0, 1.5):
+        room = make_room()
+        for step in range(12):
+            body = raised(0)
+            body[ARM, 0] += 0.04 * speed_m_s * step
+            room.see(person(body))
+        after = room.see(person(body, *LIMB), times=4)
+        within.append(after.inferred.within_m[0, HAND])
+    assert within[1] > within[0] + 4 * 0.04 * 1.0
+
+
+def test_an_inferred_hand_stays_on_an_arm_that_is_hidden_for_a_moment(make_room):
+    """COCO has no hands: they follow the forearm, and when that is hidden, the last one seen."""
+    room = make_room(joint_map="coco17")
+    for step in range(12):
+        before = room.see(sent(raised(step)))
+    after = room.see(sent(raised(12), hidden=("left_elbow", "left_wrist")))
+    moved = after.last_positions[0, HAND] - before.last_positions[0, HAND]
+    assert np.linalg.norm(moved) < 0.1
+    assert after.inferred.within_m[0, HAND] < before.inferred.within_m[0, HAND] + 0.2
+
+
+def test_an_arm_of_which_little_was_seen_may_be_anywhere(make_room):
+    room = make_room()
+    for step in range(20):  # seen in three captures, four apart
+        room.see(person(raised(0), *(() if step % 4 == 3 and step > 8 else LIMB)))
+    after = room.see(person(raised(0), *LIMB))
+    never = make_room().see(person(raised(0), *LIMB), times=12).inferred.within_m
+    assert (after.inferred.within_m >= never / HIDDEN_ARM - 1e-6)[0, ARM].all()
 
 
 def test_an_arm_that_stays_hidden_may_be_farther_from_its_place(make_room):

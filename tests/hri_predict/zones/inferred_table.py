@@ -48,7 +48,7 @@ class Unfilled(Inference):
     """Infers nothing."""
 
     def fill(self, positions, observed):
-        return Filled(positions, observed, np.zeros(observed.shape))
+        return Filled(positions, observed, np.zeros(observed.shape), np.zeros(observed.shape, bool))
 
 
 class Node:

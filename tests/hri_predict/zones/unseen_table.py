@@ -1,10 +1,11 @@
 """Share of true joints held where a tracker does not see them: ``docs/measured/unseen-joints.md``.
 
     python -m tests.hri_predict.zones.unseen_table ../shared/data [--predictor sinn] [--level 0.99]
-        [--only arm]
+        [--only arm] [--steps 3]
 
-Joints are hidden for the whole recording, inferred, forecast, and compared with the truth: within
-the zone, and within its extent in nearly horizontal directions and along the forecast motion.
+Joints are hidden for the whole recording, or with ``--steps`` only in the last steps of a history.
+They are inferred, forecast, and compared with the truth: within the zone, and within its extent in
+nearly horizontal directions and along the forecast motion.
 """
 
 import argparse
@@ -22,7 +23,8 @@ from hri_predict.lab.calibration.toward import truth_at
 from hri_predict.lab.datasets.splits import in_pack, split
 from hri_predict.people.body.body_model import body_model
 from hri_predict.people.body.inferred import Inference
-from hri_predict.people.inferring import HIDDEN_ARM, hidden_arms
+from hri_predict.people.inferring import with_inferred
+from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.zones.learned_scale import Evidence
 from hri_predict.zones.loops.spheres import UNSEEN
 from hri_predict.zones.radii import Radii
@@ -39,37 +41,62 @@ EACH = 6
 """Every sixth window of a recording is judged."""
 
 
-def judged(scored: Scores, predictor: Any, radii: Radii, hidden: Any) -> Any:
-    """(3, steps) hits and (steps,) counts of the hidden joints of one recording."""
+def completed(history: Any, seen: Any, rate_hz: float) -> Any:
+    """The snapshot of bodies (P, T, J, 3), seen (P, T, J), with its inferred joints."""
+    people, _, joints = seen.shape
+    snapshot = PeopleSnapshot(
+        now_ns=0,
+        ids=tuple(range(people)),
+        history=history,
+        observed=seen,
+        capture_ns=np.zeros(people, np.int64),
+        last_positions=history[:, -1],
+        joint_age_s=np.zeros((people, joints)),
+        lost=(),
+        reasons=(),
+        newest_capture_ns=0,
+        captures=1,
+        counters={},
+    )
+    return with_inferred(snapshot, Inference(body_model()), rate_hz)
+
+
+def judged(scored: Scores, predictor: Any, radii: Radii, hidden: Any, last: int | None) -> Any:
+    """(3, steps) hits and (steps,) counts of the hidden joints of one recording.
+
+    They are hidden in the ``last`` steps of each history, or in all.
+    """
     rows = slice(None, None, EACH)
-    seen = scored.observed[rows] & ~hidden
+    seen = scored.observed[rows].copy()
+    was_seen = seen.all(1) & hidden  # else other steps than the last may be hidden, too
+    seen[:, slice(None) if last is None else slice(-last, None)] &= ~hidden
     history = np.where(seen[..., None], scored.history[rows], 0.0)
-    filled = Inference(body_model()).fill(history, seen)
+    filled = completed(history, seen, predictor.rate_hz)
     own = slice(-predictor.history_steps, None)
-    made = predictor.predict(filled.positions[:, own], filled.observed[:, own])
+    made = predictor.predict(filled.history[:, own], filled.observed[:, own])
     forecast = made.positions
     base = evidence_of(scored)
     past = np.array(base.error_m[rows])
     past[..., hidden] = np.nan
     evidence = Evidence(
-        history=filled.positions,
+        history=filled.history,
         observed=filled.observed,
         forecast=forecast,
         error_m=past,
         residual_m=base.residual_m[rows],
+        std=made.std,
     )
     speed = scored.speed_m_s[rows]
     claimed, shares = radii.of(speed, evidence), radii.shares(speed)
     assert shares is not None
     truth = truth_at(scored, forecast.shape[1], predictor.rate_hz)[rows]
     error = truth - forecast
-    way = ways(forecast - filled.positions[:, -1:])
+    way = ways(forecast - filled.history[:, -1:])
     flat = np.random.default_rng(0).normal(size=error.shape) * [1.0, 1.0, 0.3]
     flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
     moving = (np.abs(way).sum(-1) > 0) & (np.abs(way[..., 2]) < 0.6)
     ahead = np.where(moving[..., None], way, flat)
-    arms = np.where(hidden_arms(seen), HIDDEN_ARM, 1.0)
-    within = (arms * filled.within_m[:, -1])[:, None]
+    within = filled.inferred.within_m[:, None]
 
     def held(direction: Any) -> Any:
         share = np.take_along_axis(shares, direction_class(direction, way), axis=2)
@@ -77,7 +104,7 @@ def judged(scored: Scores, predictor: Any, radii: Radii, hidden: Any) -> Any:
         return np.einsum("whji,whji->whj", error, direction) <= extent
 
     known = np.isfinite(error).all(-1) & np.isfinite(claimed)
-    known &= (filled.observed[:, -1] & hidden)[:, None]
+    known &= (filled.observed[:, -1] & (hidden if last is None else was_seen))[:, None]
     ball = np.linalg.norm(error, axis=-1) <= UNSEEN * np.hypot(claimed, within)
     hits = np.array([(each & known).sum((0, 2)) for each in (ball, held(flat), held(ahead))])
     return hits, known.sum((0, 2))
@@ -90,6 +117,7 @@ def main() -> None:
     parser.add_argument("--predictor", default="sinn")
     parser.add_argument("--only", default="", help="joints whose title contains this")
     parser.add_argument("--level", type=float, default=0.99)
+    parser.add_argument("--steps", type=int, help="hide joints only in this many last steps")
     options = parser.parse_args()
     predictor = hri.load_predictor(options.predictor, horizon_s=1.2)
     calibration = hri.load_calibration_of(options.predictor, horizon_s=1.2)
@@ -103,7 +131,9 @@ def main() -> None:
         for title in (each for each in SHOWN if options.only in each):
             total: dict[str, Any] = defaultdict(float)
             for each in scored:
-                hits, count = judged(each, predictor, radii, hidden_joints(HIDDEN[title]))
+                hits, count = judged(
+                    each, predictor, radii, hidden_joints(HIDDEN[title]), options.steps
+                )
                 total["hits"], total["count"] = total["hits"] + hits, total["count"] + count
             shares = 100 * total["hits"][:, steps] / np.maximum(total["count"][steps], 1)
             cells = [" / ".join(f"{v:.1f}" for v in column) for column in shares.T]
