@@ -60,6 +60,10 @@ class ApproachSettings(SourceSettings):
         0.0, ge=0, le=0.2, description="noise correlated in time: standard deviation per axis"
     )
     wander_s: float = Field(0.3, gt=0, le=10, description="correlation time of wander_m")
+    lost_limbs: float = Field(
+        0.0, ge=0, le=0.9, description="share of time in which the tracker loses each arm and leg"
+    )
+    lost_s: float = Field(0.2, gt=0, le=10, description="mean duration of such a loss, s")
     error_m: float = Field(
         0.0, ge=0, le=3, description="position error of each person, as stated by the tracker"
     )
@@ -83,6 +87,7 @@ def exact(settings: ApproachSettings) -> ApproachSettings:
         "hidden": [],
         "noise_m": 0.0,
         "wander_m": 0.0,
+        "lost_limbs": 0.0,
         "error_m": 0.0,
     }
     return settings.model_copy(update=clear)
@@ -122,6 +127,10 @@ class ApproachSource:
         self.joint_map = map_of(self._motions, settings.tracker, base_dir, settings.lacks)
         self._delivered: Bools = np.asarray((self.joint_map.weights > 0).any(axis=0))
         self._delivered[[JOINTS.index(joint) for joint in settings.hidden]] = False
+        self._observed = [
+            motion.observed & self._delivered & kept(motion, settings.lost_limbs, settings.lost_s)
+            for motion in self._motions
+        ]
         self.rate_hz = self._motions[0].rate_hz
         self.declares_noise = settings.noise_m > 0 or settings.wander_m > 0
         self._error_m = settings.error_m
@@ -152,7 +161,7 @@ class ApproachSource:
             Person(
                 p + 1,
                 self._positions[p][k - self._empty],
-                self._motions[p].observed[k - self._empty] & self._delivered,
+                self._observed[p][k - self._empty],
                 error_m=self._error_m,
             )
             for p in here
@@ -193,6 +202,32 @@ def noise(motion: Motion, noise_m: float, wander_m: float, wander_s: float) -> F
     if wander_m > 0:
         wander = Wander(wander_m, wander_s, motion.rate_hz, [seed, 1])
         found += np.stack([wander.next(found.shape[1]) for _ in found])
+    return found
+
+
+_LIMBS = [
+    [JOINTS.index(f"{side}_{joint}") for joint in joints]
+    for joints in (("elbow", "wrist", "hand"), ("knee", "ankle", "foot"))
+    for side in "lr"
+]
+
+
+@lru_cache(maxsize=64)
+def kept(motion: Motion, share: float, mean_s: float) -> Bools:
+    """Return (N, J) whether the tracker keeps a joint: arms and legs get lost for moments.
+
+    Each limb alone is lost for ``share`` of the time, for ``mean_s`` seconds on average; the same
+    at any place.
+    """
+    found = np.ones(motion.observed.shape, np.bool_)
+    rng = np.random.default_rng([zlib.crc32(Path(motion.name).name.encode()), 2])
+    ends = min(1.0, 1.0 / (mean_s * motion.rate_hz))
+    begins = ends * share / (1.0 - share)
+    for limb in _LIMBS:
+        lost = False
+        for k, chance in enumerate(rng.random(len(found)).tolist()):
+            lost = chance >= ends if lost else chance < begins
+            found[k, limb] = not lost
     return found
 
 

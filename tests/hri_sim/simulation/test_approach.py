@@ -146,3 +146,19 @@ def test_a_joint_between_two_that_were_not_recorded_is_not_delivered(monkeypatch
     assert load_joint_map("coco17").mapped[JOINTS.index("waist")]
     assert not approach.joint_map.mapped[[JOINTS.index("waist"), JOINTS.index("l_hip")]].any()
     assert approach.joint_map.mapped[JOINTS.index("r_hip")]
+
+
+def test_a_tracker_loses_arms_and_legs_for_moments_and_nothing_else():
+    given = {"motions": ["procedural:1"], "places": [[0, 0, 0]], "lead_in_s": 0.0}
+    whole = scenes(source(**given))
+    lossy = source(**given, lost_limbs=0.3, lost_s=0.2)
+    seen = np.array([scene.people[0].observed for scene in scenes(lossy)])
+    lost = np.array([scene.people[0].observed for scene in whole]) & ~seen
+    arm = [JOINTS.index(f"l_{name}") for name in ("elbow", "wrist", "hand")]
+    assert not lost[:, [JOINTS.index(name) for name in ("head", "l_shoulder", "r_hip")]].any()
+    assert (lost[:, arm].all(1) | ~lost[:, arm].any(1)).all()
+    assert 0.15 < lost[:, arm].mean() < 0.5
+    runs = np.diff(np.flatnonzero(np.diff(lost[:, arm[0]].astype(int))))
+    assert 2 < runs[::2].mean() < 20  # of about 6 captures
+    lossy.open(1_000)
+    assert lossy.truth(1_000)[1][1].all()
