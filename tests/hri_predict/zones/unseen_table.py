@@ -1,7 +1,7 @@
 """Share of true joints held where a tracker does not see them: ``docs/measured/unseen-joints.md``.
 
     python -m tests.hri_predict.zones.unseen_table ../shared/data [--predictor sinn] [--level 0.99]
-        [--only arm] [--steps 3]
+        [--only arm] [--steps 1 --steps 3]
 
 Joints are hidden for the whole recording, or with ``--steps`` only in the last steps of a history.
 They are inferred, forecast, and compared with the truth: within the zone, and within its extent in
@@ -9,6 +9,7 @@ nearly horizontal directions and along the forecast motion.
 """
 
 import argparse
+import itertools
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -117,7 +118,9 @@ def main() -> None:
     parser.add_argument("--predictor", default="sinn")
     parser.add_argument("--only", default="", help="joints whose title contains this")
     parser.add_argument("--level", type=float, default=0.99)
-    parser.add_argument("--steps", type=int, help="hide joints only in this many last steps")
+    parser.add_argument(
+        "--steps", type=int, action="append", help="hide joints only in this many last steps"
+    )
     options = parser.parse_args()
     predictor = hri.load_predictor(options.predictor, horizon_s=1.2)
     calibration = hri.load_calibration_of(options.predictor, horizon_s=1.2)
@@ -128,16 +131,16 @@ def main() -> None:
     for name in SETS:
         paths = [p for p in (in_pack(options.data, n) for n in split(name)) if p.exists()]
         scored = score_recordings(predictor, paths)
-        for title in (each for each in SHOWN if options.only in each):
+        shown = [each for each in SHOWN if options.only in each]
+        for title, last in itertools.product(shown, options.steps or [None]):
             total: dict[str, Any] = defaultdict(float)
             for each in scored:
-                hits, count = judged(
-                    each, predictor, radii, hidden_joints(HIDDEN[title]), options.steps
-                )
+                hits, count = judged(each, predictor, radii, hidden_joints(HIDDEN[title]), last)
                 total["hits"], total["count"] = total["hits"] + hits, total["count"] + count
             shares = 100 * total["hits"][:, steps] / np.maximum(total["count"][steps], 1)
             cells = [" / ".join(f"{v:.1f}" for v in column) for column in shares.T]
-            print(f"| {title} | {name} |", " | ".join(cells), "|", flush=True)
+            when = "" if last is None else f", {last} steps"
+            print(f"| {title}{when} | {name} |", " | ".join(cells), "|", flush=True)
 
 
 if __name__ == "__main__":
