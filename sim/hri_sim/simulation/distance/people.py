@@ -85,12 +85,14 @@ class Sight:
         tracker: joint map with the delivered joints; ``None``: all joints.
         lacks: canonical joints that are never delivered.
         hidden: canonical joints that the tracker supports but cannot see in this case.
+        lost: share of time in which the tracker loses each arm and leg for a moment.
     """
 
     name: str
     tracker: str | None = None
     lacks: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
+    lost: float = 0.0
 
 
 def _both(*parts: str) -> tuple[str, ...]:
@@ -108,6 +110,7 @@ SIGHTS = {
         Sight(name="mediapipe33", tracker="mediapipe33"),
         Sight(name="azure_kinect32", tracker="azure_kinect32"),
         Sight(name="zed34", tracker="zed34"),
+        Sight(name="limbs-lost", lost=0.2),
         Sight(name="hands-hidden", hidden=_both("wrist", "hand")),
         Sight(name="arm-hidden", hidden=("r_elbow", "r_wrist", "r_hand")),
         Sight(name="feet-hidden", hidden=_both("ankle", "foot")),

@@ -103,7 +103,7 @@ def _cases(
     noises_m = request.noises_m or NOISES_M
     asked_predictors(request.predictors)
     for predictor, activity in product(request.predictors or (None,), people):
-        known: set[tuple[float, tuple[bool, ...]]] = set()
+        known: set[tuple[float, tuple[float, ...]]] = set()
         own = modes
         for sight, noise_m in product(seen, noises_m):
             case = Case(

@@ -81,12 +81,13 @@ class Case:
     modes: tuple[str, ...]
 
 
-def joints_seen(case: Case) -> tuple[bool, ...]:
-    """Return (2 J): the canonical joints that the tracker can deliver, and those that it sees."""
+def joints_seen(case: Case) -> tuple[float, ...]:
+    """Return (2 J): shares of time in which the tracker can deliver each joint, and sees it."""
     motion = load_motion(case.activity.motion, RATE_HZ)
     able = map_of([motion], case.sight.tracker, None, case.sight.lacks).mapped
     hidden = np.isin(JOINTS, list(case.sight.hidden))
-    return tuple(np.append(able, able & ~hidden).tolist())
+    kept = 1.0 - case.sight.lost
+    return tuple(np.append(able, kept * (able & ~hidden)).tolist())
 
 
 def cell_of(plan: DistancePlan, predictor: str | None) -> Config:
@@ -157,7 +158,7 @@ class PlacedPerson:
             settings = self._settings
             if whole:
                 update: dict[str, Any] = {"tracker": None, "lacks": [], "hidden": []}
-                settings = settings.model_copy(update=update)
+                settings = settings.model_copy(update=update | {"lost_limbs": 0.0})
             if fresh:
                 node = config.node.model_copy(update={"ticks": "capture", "max_rate_hz": None})
                 settings = settings.model_copy(update={"min_latency_s": 0.0})
@@ -212,6 +213,7 @@ def _with_person(config: Config, case: Case, error_m: float) -> Config:
         "tracker": case.sight.tracker,
         "lacks": list(case.sight.lacks),
         "hidden": list(case.sight.hidden),
+        "lost_limbs": case.sight.lost,
         "error_m": error_m,
         "noise_m": case.noise_m if case.activity.is_recorded else max(case.noise_m, LEAST_NOISE_M),
     }

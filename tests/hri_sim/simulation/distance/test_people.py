@@ -106,6 +106,7 @@ def test_what_is_hidden_is_known_to_the_tracker_and_what_it_lacks_is_not():
     assert joints("waist-hidden") == (21, 12)
     assert joints("upper-body") == (12, 12)
     assert joints("marker_clusters9") == (7, 7)
+    assert joints("limbs-lost") == (21, pytest.approx(0.8 * 21))
 
 
 def test_whole_sets_are_compared_by_their_worst_recording():
