@@ -4,6 +4,7 @@ Status and Advice are never left out, and no computation for them is skipped. A 
 advice; a missing Pose or Zone does not.
 """
 
+from collections import deque
 from collections.abc import Sequence
 
 from hri_predict.protocol.messages import Message, Pose, Zone
@@ -12,9 +13,9 @@ HIGH = 0.8
 """Share of a tick's time above which it is nearly late."""
 LOW = 0.6
 """Share of a tick's time below which a kind is restored; a kind saves less than the difference."""
-SHED_TICKS = 2
-"""Number of consecutive ticks that counts, because one may be chance: above ``HIGH``, one more kind
-is left out; above ``LOW``, the time to restore starts again.
+SHED_TICKS, OF_TICKS = 2, 5
+"""Number of ticks that counts, of the last ``OF_TICKS``, because one may be chance: above ``HIGH``,
+one more kind is left out; above ``LOW``, the time to restore starts again.
 """
 RESTORE_NS = 5_000_000_000
 """Time for which ticks must stay below ``LOW`` before one message kind is restored."""
@@ -35,7 +36,8 @@ class Shedding:
         self.without: dict[type[Message], int] = dict.fromkeys(ORDER, 0)
         self.sheds = 0
         self._left_out = 0  # of ``ORDER``
-        self._high = self._not_low = 0  # ticks in a row
+        self._high: deque[bool] = deque(maxlen=OF_TICKS)  # of the newest ticks
+        self._not_low: deque[bool] = deque(maxlen=OF_TICKS)
         self._calm_since_ns: int | None = None
         self._patience_ns = RESTORE_NS
         self._restored_ns: int | None = None
@@ -53,20 +55,21 @@ class Shedding:
         """Process the share of its time used by the tick at ``now_ns``."""
         for kind in ORDER[: self._left_out]:
             self.without[kind] += 1
-        self._high = self._high + 1 if used > HIGH else 0
-        self._not_low = self._not_low + 1 if used >= LOW else 0
-        if self._not_low >= SHED_TICKS:
+        self._high.append(used > HIGH)
+        self._not_low.append(used >= LOW)
+        if sum(self._not_low) >= SHED_TICKS:
             self._calm_since_ns = None
-        elif self._not_low == 0 and self._calm_since_ns is None:
+        elif used < LOW and self._calm_since_ns is None:
             self._calm_since_ns = now_ns
-        if self._high >= SHED_TICKS:
+        if sum(self._high) >= SHED_TICKS:
             self._shed(now_ns)
         elif self.active and self._is_calm(now_ns):
             self._left_out -= 1
             self._restored_ns = self._calm_since_ns = now_ns
 
     def _shed(self, now_ns: int) -> None:
-        self._high = 0
+        self._high.clear()
+        self._not_low.clear()
         if self._left_out == len(ORDER):
             return
         self._left_out += 1

@@ -206,8 +206,6 @@ class JointZones:
             within = snapshot.inferred.within_m
         end_s = rule.trusted_steps / rule.rate_hz
         beyond = rule.physical_m_s * np.maximum(until - end_s, 0.0)[..., None]
-        if forecast.std is not None and rule.std_factor > 0:
-            beyond = np.maximum(beyond, rule.std_factor * forecast.std.max(1, keepdims=True))
         rest = spheres.inflation[:here] - within[:, None] + beyond
         rest = np.where(follows[:, None], rest, np.inf)
         rest[:, 0] = np.inf
@@ -299,7 +297,11 @@ class JointZones:
         trust: Trust | None,
         velocities: Velocities,
     ) -> Floats | None:
-        """Return (P, H, J) calibrated radii, infinite for people and joints without one."""
+        """Return (P, H, J) calibrated radii, infinite for people and joints without one.
+
+        They are at least ``std_factor`` stated standard deviations: the learned scale reads the
+        deviation only within the range in which it was fitted, and need not grow with it.
+        """
         if self._radii is None:
             return None
         people, joints = len(snapshot.ids), len(self._skeleton.joints)
@@ -316,6 +318,8 @@ class JointZones:
             std=forecast.std,
         )
         claimed = self._radii.of(speed, evidence)
+        if forecast.std is not None:
+            claimed = np.maximum(claimed, self._limits.std_factor * forecast.std)
         recent = snapshot.observed[:, -RECENT_STEPS:].sum(1)  # (P, J)
         settled = recent >= min(SETTLED_STEPS, snapshot.observed.shape[1])
         known = settled & np.isfinite(claimed[:, : self._trusted_steps]).all(1)

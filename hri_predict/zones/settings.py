@@ -96,10 +96,10 @@ class HumanLimits(Settings):
         " walking speed, holds for any predictor",
     )
     std_factor: float = Field(
-        0.0,
+        2.0,
         ge=0,
         le=10,
-        description="minimum size of zones, in standard deviations of the forecast; 0: off",
+        description="minimum size of zones, in standard deviations that the forecast states",
     )
     extend_beyond_horizon: bool = Field(
         False, description="let zones grow at the physical speed beyond the last horizon"

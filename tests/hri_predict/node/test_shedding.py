@@ -1,6 +1,6 @@
 """What is left out when ticks take too long, and when it is sent again."""
 
-from hri_predict.node.shedding import LONGEST_NS, RESTORE_NS, SHED_TICKS, Shedding
+from hri_predict.node.shedding import LONGEST_NS, OF_TICKS, RESTORE_NS, SHED_TICKS, Shedding
 from hri_predict.protocol.messages import Advice, Pose, Status, Zone
 
 PERIOD_NS = 40_000_000
@@ -53,8 +53,21 @@ def test_one_long_tick_alone_is_chance():
     loop = Loop()
     for _ in range(20):
         loop.run(5.0)
-        loop.run(0.7)
+        loop.run(0.7, OF_TICKS - 1)
     assert loop.left_out == []
+
+
+def test_every_second_tick_that_is_too_long_is_load():
+    """A tracker at half the node's rate makes every second tick longer."""
+    loop = Loop()
+    for _ in range(20):
+        loop.run(1.5)
+        loop.run(0.1)
+    assert loop.left_out == [Pose, Zone]
+    for _ in range(2000):
+        loop.run(1.5)
+        loop.run(0.1)
+    assert loop.left_out == [Pose, Zone]
 
 
 def test_what_is_left_out_comes_back_slowly_one_by_one():
