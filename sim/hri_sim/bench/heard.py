@@ -28,9 +28,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from websockets.exceptions import WebSocketException
-from websockets.sync.client import connect
-from websockets.typing import Subprotocol
 
 from hri_predict.base.errors import LinkError
 from hri_predict.base.machine.orphans import command_of
@@ -279,6 +276,8 @@ class _Watch(threading.Thread):
         self.trouble = "nothing came"
 
     def run(self) -> None:
+        from websockets.exceptions import WebSocketException
+
         while True:
             try:
                 for count in self._read(self._port):
@@ -290,6 +289,8 @@ class _Watch(threading.Thread):
 
 def _viewer(port: int) -> Iterator[int]:
     import viser  # the version is part of its protocol
+    from websockets.sync.client import connect
+    from websockets.typing import Subprotocol
 
     protocols = [Subprotocol(f"viser-v{viser.__version__}")]
     with connect(f"ws://127.0.0.1:{port}/", subprotocols=protocols, max_size=None) as connection:

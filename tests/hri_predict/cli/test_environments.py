@@ -130,3 +130,30 @@ def test_a_path_that_is_not_utf_8_is_read_and_printed(tmp_path):
         assert b"Traceback" not in done.stderr
         done.stdout.decode()
         done.stderr.decode()
+
+
+OPTIONAL = (
+    "websockets", "viser", "cv2", "matplotlib", "paho", "zenoh", "rclpy", "asyncua", "scipy",
+    "pymodbus", "onnx", "dask", "distributed", "rosbags", "ai_edge_litert",
+)  # fmt: skip
+WITHOUT_EXTRAS = f"""
+import sys
+for name in {OPTIONAL}:
+    sys.modules[name] = None
+from tests.commands import children, root
+def every(group, words=()):
+    for name, command in children(group).items():
+        print(*words, name)
+        every(command, (*words, name))
+every(root())
+"""
+
+
+def test_every_command_has_a_help_without_any_extra():
+    """``make demo`` installs no other extra than ``accel``."""
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_EXTRAS], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    shown = done.stdout.splitlines()
+    assert {"bench links", "bench", "demo", "try"} <= set(shown)
