@@ -83,7 +83,8 @@ class PeopleSettings(Settings):
     )
     absent_parts: list[Part] = Field(
         [],
-        description="body parts never visible in this room, such as the legs of seated people",
+        description="body parts that are never in reach in this room, such as the legs of people "
+        "who sit at a table; not parts that are only hidden from the tracker",
     )
     found_within_s: float = Field(
         0.5,

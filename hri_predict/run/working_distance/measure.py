@@ -17,6 +17,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.files import data_path
 from hri_predict.contracts.predictor import Predictor
 from hri_predict.contracts.source import Source
 from hri_predict.protocol.messages import RobotMode, RobotState
@@ -45,6 +46,7 @@ STATE_S = 0.02
 """Time between two RobotStates."""
 _PHASES = 64
 _TRIED = 2  # times the ticks that may be slow are tried first
+_UR5 = ("ur5", "ur5e")  # the robots of the plan pick_and_place
 _AHEAD_M = 0.05  # a robot whose parts are nearer to its axis than this on average faces nowhere
 
 
@@ -338,11 +340,15 @@ def path_of(config: Config, model: RobotModel, index: int) -> Trajectory:
     """
     path = known_path(config, model, index)
     if path is None:
+        robot = config.node.robots[index]
+        own = f"{robot.model}_pick_and_place"
+        made_for_it = data_path("trajectories", f"{own}.yaml").exists()
+        plan = own if made_for_it else "pick_and_place" if robot.model in _UR5 else "path.yaml"
         raise ConfigError(
-            f"robots.{index}: no path of robot {config.node.robots[index].name} is known, so its "
-            "permitted speed near people cannot be measured; in a copy of the configuration, write "
-            "motion: {kind: state, plan: pick_and_place}, or your own path. In the cell itself "
-            "motion.plan also makes the node expect the robot on that path, and to brake on it"
+            f"robots.{index}: no path of robot {robot.name} is known, so its permitted speed near "
+            "people cannot be measured; in a copy of the configuration, write motion: {kind: "
+            f"state, plan: {plan}}}, or the file of your own path. In the cell itself motion.plan "
+            "also makes the node expect the robot on that path, and to brake on it"
         )
     return path
 

@@ -50,7 +50,7 @@ TERMS = (
     Term(
         key="silence_timeout",
         text="the controller's silence timeout",
-        remedy="lower links.silence_timeout_s to two or three of the node's cycles",
+        remedy="lower links.silence_timeout_s, to not less than three intervals between messages",
     ),
     Term(
         key="reaction",
@@ -71,13 +71,13 @@ TERMS = (
     Term(
         key="stopping",
         text="the robot's stopping",
-        remedy="lower max_speed_m_s or payload_kg, or measure the stopping table",
+        remedy="enter the true payload_kg, measure the stopping table, or slow the robot and its "
+        "plan down (max_speed_m_s)",
     ),
     Term(
         key="unseen",
         text="zones of unobserved joints",
-        remedy="observe more of the body: add a camera, or use a tracker with more joints; list "
-        "parts that are never present in people.absent_parts",
+        remedy="observe more of the body: add a camera, or use a tracker with more joints",
     ),
     Term(
         key="seen",
@@ -87,7 +87,8 @@ TERMS = (
     Term(
         key="margins",
         text="margins: C, Z_d, Z_r, slow_margin_m, band_m, region_margins_m",
-        remedy="set the risk margins to the actual errors of sensor and robot",
+        remedy="set person_uncertainty_m and robot_uncertainty_m to measured errors, and lower "
+        "slow_margin_m, which only makes the robot slow down earlier",
     ),
     Term(
         key="place",

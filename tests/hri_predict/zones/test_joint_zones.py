@@ -142,6 +142,18 @@ def test_radii_are_those_of_how_people_move(calibration):
     assert high.claimed[0] == pytest.approx(1.0 + table(calibration, level=2))
 
 
+def test_no_radius_is_smaller_than_twice_the_stated_deviation(calibration):
+    """Beyond the deviations of the fit the learned scale does not grow with them."""
+    snapshot = seen()
+    std = np.full((1, STEPS, COUNT), 1e-3)
+    std[0, 5:] = 1.0
+    forecast = Forecast(staying(snapshot).positions, std)
+    spheres = built(calibration, snapshot, trusted(), forecast)
+    assert spheres.claimed[0, :5] == pytest.approx(table(calibration)[:5])
+    assert (spheres.claimed[0, 5:] == 2.0).all()
+    assert spheres.radius[0, 6:] == pytest.approx(2.0)
+
+
 def test_past_errors_reach_the_scale_of_each_joint(make_calibration):
     # an input adds its own value here: log(1 + 20 error); the body's mean adds to everybody's
     network = scale_of(error_short=1.0, no_long=0.5, residual=2.0)

@@ -166,6 +166,19 @@ def test_a_robot_whose_path_is_not_known_is_refused_with_the_remedy(situation, c
         _ = lost.path
 
 
+@pytest.mark.parametrize(
+    ("model", "plan"), [("ur10e", "ur10e_pick_and_place"), ("panda", "panda_pick_and_place"),
+                        ("ur3e", "path.yaml")],
+)  # fmt: skip
+def test_the_remedy_names_a_plan_for_this_robot(situation, cell, model, plan):
+    node = cell.node.model_copy(
+        update={"robots": [cell.node.robots[0].model_copy(update={"model": model})]}
+    )
+    lost = replace(situation, config=replace(cell, links=(), node=node))
+    with pytest.raises(ConfigError, match=rf"plan: {plan}\}}"):
+        _ = lost.path
+
+
 def test_an_unknown_robot_is_refused(cell):
     with pytest.raises(ConfigError, match=r"--robot amr: unknown.*\(known: arm\)"):
         robot_of(cell, "amr")
