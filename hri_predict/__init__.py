@@ -11,6 +11,7 @@ Units and frames everywhere: metres, seconds, radians, right-handed, z up; integ
 one clock for time.
 """
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,9 @@ __version__ = "0.2.0"
 """Version; the build reads it here."""
 
 former_paths.install()
+
+if "HRI_PREDICT_OWN_PROCESS" in os.environ:  # before any library looks for its plug-ins
+    import_module("hri_predict.base.installed").continue_tolerating()
 
 if TYPE_CHECKING:
     from hri_predict.base.errors import HriPredictError

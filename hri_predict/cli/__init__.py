@@ -100,6 +100,9 @@ def _run() -> object:
     if sys.argv[1:] == ["--version"]:
         print(f"hri-predict {__version__}")
         return 0
+    from hri_predict.base import installed
+
+    installed.tolerate_damage()
     from hri_predict.cli.commands import app
 
     try:

@@ -13,6 +13,7 @@ from functools import lru_cache
 from importlib import metadata
 from typing import Any, Literal, overload
 
+from hri_predict.base import installed
 from hri_predict.base.errors import ConfigError, HriPredictError, nearest
 from hri_predict.contracts import cell
 from hri_predict.contracts.link import AnyLinkClass, LinkSettings
@@ -34,17 +35,15 @@ def _entry_points(kind: Kind) -> dict[str, metadata.EntryPoint]:
 
 @lru_cache
 def _registered(kind: Kind, path: tuple[str, ...]) -> dict[str, metadata.EntryPoint]:
-    return {e.name: e for e in _scanned(path).select(group=f"hri_predict.{kind}")}
+    return {e.name: e for e in _scanned(path) if e.group == f"hri_predict.{kind}"}
 
 
 @lru_cache(maxsize=1)
-def _scanned(_path: tuple[str, ...]) -> Any:
+def _scanned(_path: tuple[str, ...]) -> list[metadata.EntryPoint]:
     """Return the registrations of all packages on the path, which requires reading all of their
     metadata.
-
-    Their class differs between Python 3.11 and 3.12; both have ``select``.
     """
-    return metadata.entry_points()
+    return installed.entry_points()
 
 
 def names(kind: Kind) -> list[str]:
@@ -56,7 +55,7 @@ def is_ours(kind: Kind, name: str) -> bool:
     """Whether ``name`` is provided by this package, not by a third party."""
     point = _entry_points(kind).get(name)
     dist = None if point is None else point.dist
-    return dist is not None and dist.name == "hri-predict"
+    return dist is not None and installed.name_of(dist) == "hri-predict"
 
 
 @overload
@@ -191,4 +190,4 @@ def _remedy(point: metadata.EntryPoint) -> str:
     """Return the extras to install, named in the entry point after its object: ``[fleet]``."""
     if not point.extras or point.dist is None:
         return "install it with pip"
-    return f"pip install '{point.dist.name}[{','.join(point.extras)}]'"
+    return f"pip install '{installed.name_of(point.dist)}[{','.join(point.extras)}]'"
