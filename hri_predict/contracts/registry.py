@@ -15,6 +15,7 @@ from typing import Any, Literal, overload
 
 from hri_predict.base import installed
 from hri_predict.base.errors import ConfigError, HriPredictError, nearest
+from hri_predict.base.work.identity import digest_of_package, joined
 from hri_predict.contracts import cell
 from hri_predict.contracts.link import AnyLinkClass, LinkSettings
 from hri_predict.contracts.predictor import AnyPredictorClass, PredictorSettings
@@ -56,6 +57,22 @@ def is_ours(kind: Kind, name: str) -> bool:
     point = _entry_points(kind).get(name)
     dist = None if point is None else point.dist
     return dist is not None and installed.name_of(dist) == "hri-predict"
+
+
+def code_of_part(kind: Kind, name: str) -> str | None:
+    """Return the SHA-256 of the code of a third party's part; ``None`` if it is ours or unknown."""
+    point = _entry_points(kind).get(name)
+    return None if point is None or is_ours(kind, name) else digest_of_package(point.module)
+
+
+def code_of(settings: PredictorSettings) -> str | None:
+    """Return the hash of the third parties' code that a predictor runs; ``None`` if it runs none.
+
+    The code of this package is left out: calibrations stay valid from one release to the next.
+    """
+    names = sorted({settings.name, *settings.runs()})
+    codes = [code for name in names if (code := code_of_part("predictors", name)) is not None]
+    return joined(codes) if codes else None
 
 
 @overload

@@ -69,7 +69,7 @@ def _serve(link: socket.socket, memory: int, job: dict[str, Any]) -> None:
     model = registry.predictor_settings(job["settings"]["name"])
     settings = validated(model, job["settings"], "predictor")
     predictor = predictor_of(settings)
-    described = Description.of(predictor, settings.files())
+    described = Description.of(predictor, settings.files(), registry.code_of(settings))
     _tell(link, {"ready": described.as_data()})
     if not link.recv(MAX_MESSAGE):  # the word to begin: the memory has its size
         return

@@ -4,6 +4,7 @@ import os
 
 import pytest
 
+from tests.packages import third_party
 from tests.processes import hri_predict, python
 
 DAMAGED = {
@@ -22,10 +23,7 @@ USES = {
 @pytest.fixture(params=[*DAMAGED.values()], ids=[*DAMAGED])
 def environment(request, tmp_path) -> dict[str, str]:
     """The environment of a program that finds a damaged package on its path."""
-    info = tmp_path / "broken-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_bytes(request.param)
+    third_party(tmp_path, request.param)
     path = [*filter(None, [os.environ.get("PYTHONPATH")]), str(tmp_path)]
     ours = {k: v for k, v in os.environ.items() if k != "HRI_PREDICT_OWN_PROCESS"}
     return ours | {"PYTHONPATH": os.pathsep.join(path), "COLUMNS": "200"}
@@ -36,7 +34,7 @@ def test_a_command_goes_on_after_one_line_that_names_the_package(environment, tm
     assert (done.returncode, "constant_velocity" in done.stdout) == (0, True)
     line = done.stderr.strip()
     assert "\n" not in line
-    assert "warning: package 'broken'" in line
+    assert "warning: package 'theirs'" in line
     assert str(tmp_path) in line
     assert "reinstall" in line
 
@@ -64,7 +62,7 @@ def test_a_program_that_imports_the_library_keeps_its_own_metadata(environment, 
 
 
 def test_damaged_metadata_does_not_hide_what_a_package_registers(environment, tmp_path):
-    info = tmp_path / "broken-1.0.dist-info"
+    info = tmp_path / "theirs-1.0.dist-info"
     (info / "METADATA").write_bytes(b"Name: caf\xe9\n")
     (info / "entry_points.txt").write_text("[hri_predict.predictors]\nodd = nowhere_at_all:Odd\n")
     code = (

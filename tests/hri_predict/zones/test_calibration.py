@@ -10,16 +10,17 @@ from hypothesis import strategies as st
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import CANONICAL, JOINTS
+from hri_predict.contracts import registry
 from hri_predict.lab.calibration.levels import levels_text
 from hri_predict.predictors.baselines import ZeroVelocitySettings
 from hri_predict.zones import calibration as module
 from hri_predict.zones.calibration import (
     calibration_for,
-    identity,
     load_calibration,
     save_text,
 )
 from hri_predict.zones.motion_class import SPEED_CLASSES
+from hri_predict.zones.predictor_identity import identity
 from hri_predict.zones.scale_shape import KNOTS, ScaleShape
 from hri_predict.zones.settings import LEVELS, CoverageSettings
 from hri_predict.zones.toward import BINS
@@ -373,6 +374,23 @@ def test_other_weights_are_another_predictor(folder, make_calibration):
     parts[1].write_bytes(b"second")
     with pytest.raises(ConfigError, match="was made with other weights"):
         calibration_for(trained, coverage, folder)
+
+
+def test_other_code_of_a_third_party_is_another_predictor(folder, make_calibration, monkeypatch):
+    coverage = CoverageSettings(calibration="own.json")
+
+    def stored_with(code):
+        made = replace(make_calibration(settings=identity(SETTINGS)[0]), code=code)
+        (folder / "own.json").write_text(save_text(made), encoding="utf-8")
+
+    monkeypatch.setattr(registry, "code_of", lambda settings: "1a")
+    stored_with("1a")
+    assert calibration_for(SETTINGS, coverage, folder) is not None
+    stored_with(None)  # made by release 0.2
+    assert calibration_for(SETTINGS, coverage, folder) is not None
+    stored_with("1b")
+    with pytest.raises(ConfigError, match=r"other code of predictor zero_velocity; calibrate your"):
+        calibration_for(SETTINGS, coverage, folder)
 
 
 def test_who_ships_none_is_not_calibrated_and_a_broken_one_is_no_secret(folder):
