@@ -226,11 +226,13 @@ def versions() -> dict[str, str]:
 
 def _foreign(config: Config) -> dict[str, str]:
     """Return the hashes of the code of third parties that the cell runs, like versions."""
-    found = {f"the code of source '{config.source.kind}'": ("sources", config.source.kind)}
+    source, predictor = config.source.kind, config.predictor
+    codes = {
+        f"the code of source '{source}'": registry.code_of_part("sources", source),
+        f"the code of predictor '{predictor.name}'": registry.code_of(predictor),
+    }
     for link in config.links:
-        found[f"the code of link '{link.kind}'"] = ("links", link.kind)
-    codes = {text: registry.code_of_part(*part) for text, part in found.items()}
-    codes[f"the code of predictor '{config.predictor.name}'"] = registry.code_of(config.predictor)
+        codes[f"the code of link '{link.kind}'"] = registry.code_of_part("links", link.kind)
     return {text: code[:16] for text, code in codes.items() if code is not None}
 
 
