@@ -14,7 +14,7 @@ from importlib import metadata
 from typing import Any, Literal, overload
 
 from hri_predict.base import installed
-from hri_predict.base.errors import ConfigError, HriPredictError, nearest
+from hri_predict.base.errors import ConfigError, HriPredictError, failure, nearest
 from hri_predict.base.work.identity import digest_of_package, joined
 from hri_predict.contracts import cell
 from hri_predict.contracts.link import AnyLinkClass, LinkSettings
@@ -112,7 +112,8 @@ def load(kind: Kind, name: str) -> Any:
             f"{kind[:-1]} '{name}' needs a package that is not installed: {error.name or error}; "
             f"{_remedy(points[name])}"
         ) from error
-    except (Exception, SystemExit) as error:  # a third party's module may fail in any way
+    except BaseException as error:
+        failure(error)
         raise ConfigError(
             f"{kind[:-1]} '{name}' cannot be loaded: {_said(error)}; "
             f"fix the package that provides it"
@@ -161,7 +162,8 @@ def predictor_settings(name: str) -> type[PredictorSettings]:
         return load("predictors", name).settings_model
     try:
         model = point.load()
-    except (Exception, SystemExit) as error:  # a third party's module may fail in any way
+    except BaseException as error:
+        failure(error)
         raise ConfigError(
             f"settings of predictor '{name}' cannot be loaded: {_said(error)}; "
             f"fix the package that provides it"
@@ -194,7 +196,8 @@ def calling(failed: str, remedy: str) -> Iterator[None]:
         yield
     except HriPredictError:
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
+        failure(error)
         raise ConfigError(f"{failed}: {_said(error)}; {remedy}") from error
 
 

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 
-from hri_predict.base.errors import LinkError
+from hri_predict.base.errors import LinkError, failure
 from hri_predict.contracts.link import Link
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Memory, StateSettings
@@ -90,12 +90,15 @@ def ended_by_signals(stop: threading.Event) -> Iterator[None]:
             signal.signal(number, handler)
     try:
         yield
-        if asked:  # the compiler's callbacks swallow what is raised within them
-            raise asked[-1]
+    except Exception:  # of a part whose start was ended
+        if not asked:
+            raise
     finally:
         for number, inner in before.items():
             if callable(inner):
                 signal.signal(number, inner)
+    if asked:  # callbacks of the compiler and parts of third parties swallow what is raised in them
+        raise asked[-1]
 
 
 class Starting:
@@ -151,8 +154,8 @@ class Starting:
     def _start(self, link: Link) -> None:
         try:
             link.start()
-        except Exception as error:
-            self._ended.put(error)
+        except BaseException as error:
+            self._ended.put(failure(error))
             return
         with self._lock:
             self._started.append(link)

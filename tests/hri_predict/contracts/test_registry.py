@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+from asyncio import CancelledError
 
 import pytest
 
@@ -141,7 +142,9 @@ def test_a_module_that_exits_does_not_end_the_program():
         registry.load("predictors", "quitting")
 
 
-@pytest.mark.parametrize("error", [RuntimeError("one\ntwo"), KeyError("x"), SystemExit(0)])
+@pytest.mark.parametrize(
+    "error", [RuntimeError("one\ntwo"), KeyError("x"), SystemExit(0), CancelledError()]
+)
 def test_a_part_that_cannot_be_built_is_told_in_one_line(error):
     with pytest.raises(ConfigError) as caught, registry.building("link 'x'"):
         raise error

@@ -7,6 +7,7 @@ import itertools
 import sys
 import threading
 import time
+from asyncio import CancelledError
 from types import SimpleNamespace
 from typing import Any
 
@@ -161,7 +162,7 @@ def test_no_tick_follows_the_sleep_of_the_machine(monkeypatch):
 
 def test_a_source_that_raises_is_asked_again_and_counted(caplog):
     source = Source()
-    source.fails = ["cable", "cable"]
+    source.fails = [OSError("cable"), CancelledError()]
     assembly = make(source=source)
     pace = run_real_time(assembly=assembly, stop=threading.Event(), duration_s=0.5)
     assert pace.source_failures == 2

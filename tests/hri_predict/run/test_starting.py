@@ -4,9 +4,12 @@ import contextlib
 import os
 import signal
 import threading
+from asyncio import CancelledError
 
 import pytest
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts import registry
 from hri_predict.protocol.messages import Level
 from hri_predict.run.runtime import stop_on_signals
 from hri_predict.run.starting import SlowStart, ended_by_signals
@@ -35,6 +38,20 @@ def test_a_signal_that_a_compiler_swallows_ends_the_start_when_it_has_compiled()
         contextlib.suppress(KeyboardInterrupt),  # as ctypes does with a callback's exceptions
     ):
         signal.raise_signal(signal.SIGINT)
+
+
+def test_a_signal_that_a_part_takes_for_its_own_failure_ends_the_start():
+    stop = threading.Event()
+    part = registry.building("predictor 'theirs'")
+    with stop_on_signals(stop), pytest.raises(SystemExit), ended_by_signals(stop), part:
+        signal.raise_signal(signal.SIGTERM)
+
+
+def test_a_part_that_cannot_be_built_is_said_where_nothing_asked_for_the_end():
+    stop = threading.Event()
+    part = registry.building("predictor 'theirs'")
+    with pytest.raises(ConfigError, match="cannot be built"), ended_by_signals(stop), part:
+        raise CancelledError
 
 
 def test_a_hangup_that_asks_for_something_else_ends_no_start():

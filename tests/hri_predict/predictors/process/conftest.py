@@ -17,7 +17,7 @@ from tests.packages import third_party
 J = len(CANONICAL.joints)
 
 ODD = '''
-import logging, os, time
+import asyncio, logging, os, time
 from pathlib import Path
 import numpy as np
 from hri_predict.contracts.predictor import Forecast, PredictorSettings
@@ -73,6 +73,8 @@ class Odd:
             return Forecast(positions[0], None)
         if does == "exit":
             raise SystemExit(0)
+        if does == "cancel":
+            raise asyncio.CancelledError
         if does == "die":
             os._exit(3)
         if does == "print":
