@@ -40,7 +40,7 @@ from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.zones.input_noise import NoiseGrowth
 from hri_predict.zones.learned_scale import ScaleNetwork
 from hri_predict.zones.motion_class import SPEED_CLASSES, trunk_joints
-from hri_predict.zones.motion_ranges import MotionRanges
+from hri_predict.zones.motion_ranges import MAX_RATIO_SHORT, MAX_SPEED_M_S, MotionRanges
 from hri_predict.zones.predictor_identity import identity
 from hri_predict.zones.scale_shape import ScaleShape
 from hri_predict.zones.settings import LEVELS, CoverageSettings
@@ -63,8 +63,8 @@ _KNOWN = {name.removeprefix("l_").removeprefix("r_") for name in JOINTS}
 class RangesFile(Settings):
     """Ranges of the motions in the calibration recordings; see ``MotionRanges``."""
 
-    speed_m_s: dict[str, Annotated[float, Field(ge=0)]]
-    ratio_short: float = Field(gt=0)
+    speed_m_s: dict[str, Annotated[float, Field(ge=0, le=MAX_SPEED_M_S)]]
+    ratio_short: float = Field(gt=0, le=MAX_RATIO_SHORT)
 
 
 class UsedRecording(Settings):
@@ -205,6 +205,9 @@ def needed(level: float) -> int:
 # -- files --------------------------------------------------------------------------------------
 
 
+_REMEDY = "make a new one: hri-predict calibrate"
+
+
 def shipped_calibration(predictor: str) -> Path:
     """Return the path of the calibration of a shipped predictor."""
     return FOLDER / f"{predictor}.calibration.json"
@@ -220,16 +223,15 @@ def load_calibration(path: Path) -> Calibration:
     try:
         data = json.loads(read_text(path, "calibration"))
     except (ValueError, RecursionError) as error:
-        raise ConfigError(
-            f"{what}: not JSON ({error}); make a new one: hri-predict calibrate"
-        ) from error
+        raise ConfigError(f"{what}: not JSON ({error}); {_REMEDY}") from error
     if isinstance(data, dict) and data.get("version") != VERSION:
-        raise ConfigError(f"{what}: has another version; make a new one: hri-predict calibrate")
-    file = validated(CalibrationFile, data, what)
+        raise ConfigError(f"{what}: has another version; {_REMEDY}")
     try:
-        return _unpacked(file)
+        return _unpacked(validated(CalibrationFile, data, what))
+    except ConfigError as error:
+        raise ConfigError(f"{error}; {_REMEDY}") from error
     except (ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{what}: {error}; make a new one: hri-predict calibrate") from error
+        raise ConfigError(f"{what}: {error}; {_REMEDY}") from error
 
 
 def save_text(calibration: Calibration) -> str:
@@ -282,6 +284,8 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         raise ValueError("its levels or speed classes belong to another version")
     if len(set(file.joints)) < len(file.joints) or not _KNOWN.issuperset(file.joints):
         raise ValueError("joints must be those of the canonical skeleton, each once")
+    if not _KNOWN.issuperset(file.ranges.speed_m_s):
+        raise ValueError("ranges.speed_m_s names a joint that the canonical skeleton lacks")
     classes = len(LEVELS), len(SPEED_CLASSES)
     shape = (*classes, len(file.joints), file.steps)
     for table in (file.estimated_thousandths, file.guaranteed_mm, file.limits_mm):

@@ -118,7 +118,7 @@ def test_many_messages_arrive_in_order_or_are_counted(pair):
 @pytest.mark.parametrize("method", ["read", "write"])
 def test_a_driver_that_raises_whatever_it_likes_is_opened_again(monkeypatch, method):
     pair = make("serial pty", MonotonicClock())
-    raised = []
+    raised: list[bool] = []
 
     def fails_once(*arguments, own=getattr(pair.link._transport, method)):
         if not raised:

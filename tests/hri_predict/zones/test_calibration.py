@@ -224,6 +224,11 @@ def _weight(data, value):
         (lambda d: d["recordings"][0]["windows"].__setitem__(0, -1), "windows"),
         (lambda d: d["ranges"].update(bone_m={}), "bone_m"),
         (lambda d: d["ranges"].update(ratio_short=0), "ratio_short"),
+        (lambda d: d["ranges"].update(ratio_short=1e9), "ratio_short"),
+        (lambda d: d["ranges"].update(ratio_short=float("inf")), "ratio_short"),
+        (lambda d: d["ranges"].update(speed_m_s={"wrist": 1e6}), "ranges.speed_m_s.wrist"),
+        (lambda d: d["ranges"].update(speed_m_s={"wrist": float("nan")}), "speed_m_s.wrist"),
+        (lambda d: d["ranges"].update(speed_m_s={"tail": 1.0}), "ranges.speed_m_s names a joint"),
         (lambda d: d.update(rate_hz=1e9), "rate_hz"),
         (lambda d: d.update(steps=10**6), "steps"),
     ],
@@ -237,6 +242,7 @@ def test_a_broken_file_is_one_line_that_names_it(tmp_path, make_calibration, edi
     assert "\n" not in line
     assert str(path) in line
     assert said in line
+    assert line.count("make a new one: hri-predict calibrate") == 1
 
 
 @pytest.mark.parametrize(
@@ -262,6 +268,7 @@ def test_what_is_no_calibration_is_one_line(tmp_path, text):
     assert "\n" not in str(error.value)
     assert str(path) in str(error.value)
     assert len(str(error.value)) < 500
+    assert len(text) > 10**6 or "hri-predict calibrate" in str(error.value)
 
 
 def test_a_file_that_is_not_there_or_not_text(tmp_path):
