@@ -119,8 +119,9 @@ def test_many_messages_arrive_in_order_or_are_counted(pair):
 def test_a_driver_that_raises_whatever_it_likes_is_opened_again(monkeypatch, method):
     pair = make("serial pty", MonotonicClock())
     raised: list[bool] = []
+    own = getattr(pair.link._transport, method)
 
-    def fails_once(*arguments, own=getattr(pair.link._transport, method)):
+    def fails_once(*arguments):
         if not raised:
             raised.append(True)
             raise CancelledError("in its own loop")
