@@ -55,6 +55,14 @@ class LinkError(HriPredictError):
     """A link cannot be opened, or cannot carry its messages."""
 
 
+class LinkErrors(LinkError):
+    """Several links cannot be opened; ``lines`` has one line for each."""
+
+    def __init__(self, errors: Iterable[LinkError]) -> None:
+        self.lines = tuple(map(str, errors))
+        super().__init__("\n".join(self.lines))
+
+
 class MachineError(HriPredictError):
     """The machine did something after which a running node cannot continue."""
 

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 
-from hri_predict.base.errors import LinkError, failure
+from hri_predict.base.errors import LinkError, LinkErrors, failure
 from hri_predict.contracts.link import Link
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Memory, StateSettings
@@ -29,6 +29,10 @@ LONG_S = 8.0
 
 OPEN_LIMIT_S = 60.0
 """Maximum time for a link to start; the links of ``hri_drivers`` fail much sooner, with the reason.
+"""
+OTHERS_S = 5.0
+"""Maximum time for the next link to start or fail once one has failed: all that are absent are
+reported together.
 """
 
 
@@ -111,7 +115,7 @@ class Starting:
     def __init__(self, links: Sequence[Link]) -> None:
         self._links = links
         self._started: list[Link] = []
-        self._ended: queue.SimpleQueue[Exception | None] = queue.SimpleQueue()
+        self._ended: queue.SimpleQueue[tuple[Link, Exception | None]] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._given_up = False
 
@@ -121,18 +125,23 @@ class Starting:
         return [link for link in self._links if link in self._started]
 
     def start(self) -> None:
-        """Start all links and wait for them; if one fails, stop the others.
+        """Start all links and wait for them; if some fail, stop the others.
 
         Raises:
-            LinkError: the device of a link is absent or does not open.
+            LinkError: devices of links are absent or do not open; each has its line.
         """
         for link in self._links:
             threading.Thread(
                 target=self._start, args=(link,), name=f"{link.name}-start", daemon=True
             ).start()
         try:
-            for _ in self._links:
-                self._wait_for_next()
+            failed = self._wait()
+            errors = [failed[link.name] for link in self._links if link.name in failed]
+            if errors:
+                absent = [error for error in errors if isinstance(error, LinkError)]
+                if len(absent) == len(errors) > 1:
+                    raise LinkErrors(absent)
+                raise next((e for e in errors if not isinstance(e, LinkError)), errors[0])
         except BaseException:  # nothing was sent yet, and silence means stop
             with self._lock:
                 self._given_up = True
@@ -140,29 +149,42 @@ class Starting:
                 link.stop()
             raise
 
-    def _wait_for_next(self) -> None:
-        try:
-            error = self._ended.get(timeout=OPEN_LIMIT_S)
-        except queue.Empty:
-            late = [link.name for link in self._links if link not in self._started]
-            raise LinkError(
-                f"link '{late[0]}': does not open within {OPEN_LIMIT_S:g} s; check its device"
-            ) from None
-        if error is not None:
-            raise error
+    def _wait(self) -> dict[str, Exception]:
+        """Wait for all links, but not long for the others once one has failed.
+
+        Returns:
+            Name of a link that failed -> why.
+
+        Raises:
+            LinkError: a link does not open.
+        """
+        failed: dict[str, Exception] = {}
+        for _ in self._links:
+            try:
+                link, error = self._ended.get(timeout=OTHERS_S if failed else OPEN_LIMIT_S)
+            except queue.Empty:
+                if failed:
+                    break
+                late = [link.name for link in self._links if link not in self._started]
+                raise LinkError(
+                    f"link '{late[0]}': does not open within {OPEN_LIMIT_S:g} s; check its device"
+                ) from None
+            if error is not None:
+                failed[link.name] = error
+        return failed
 
     def _start(self, link: Link) -> None:
         try:
             link.start()
         except BaseException as error:
-            self._ended.put(failure(error))
+            self._ended.put((link, failure(error)))
             return
         with self._lock:
             self._started.append(link)
             late = self._given_up
         if late:
             link.stop()
-        self._ended.put(None)
+        self._ended.put((link, None))
 
 
 def memory_of(
