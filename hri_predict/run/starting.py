@@ -15,6 +15,7 @@ from pathlib import Path
 from types import FrameType
 
 from hri_predict.base.errors import LinkError, LinkErrors, failure
+from hri_predict.base.machine.compiled import why_not_kept
 from hri_predict.contracts.link import Link
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Memory, StateSettings
@@ -49,9 +50,12 @@ class SlowStart(Listener):
         self._timer.start()
 
     def _say(self) -> None:
+        if why := why_not_kept():
+            log.warning("still starting: every start takes this long, because %s", why)
+            return
         log.warning(
-            "still starting: the first start on a machine compiles and converts for up to a "
-            "minute; later starts take seconds"
+            "still starting: the first start after an installation or an update compiles and "
+            "converts for up to a minute; other starts take seconds, more on a busy machine"
         )
 
     def on_tick(self, tick: Tick) -> None:

@@ -74,6 +74,17 @@ def test_a_start_that_takes_long_is_said_once(caplog):
     assert len(said(caplog)) == 1
 
 
+def test_a_start_that_is_long_every_time_says_why_and_the_remedy(caplog, monkeypatch, tmp_path):
+    monkeypatch.setenv("HRI_PREDICT_CACHE", "")
+    SlowStart(after_s=0.0)._timer.join(30.0)
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("HRI_PREDICT_CACHE", str(tmp_path / "file"))
+    SlowStart(after_s=0.0)._timer.join(30.0)
+    off, damaged = (record.message for record in said(caplog))
+    assert "every start takes this long, because the cache is off; set HRI_PREDICT_CACHE" in off
+    assert f"{tmp_path / 'file'} cannot be written" in damaged
+
+
 def test_a_start_that_is_over_is_not_said(caplog):
     start = SlowStart(after_s=3600.0)
     start.on_tick(tick_of(Level.CLEAR))
