@@ -226,6 +226,11 @@ class Node:
         return self._presses.refused
 
     @property
+    def people_counters(self) -> Mapping[str, int]:
+        """See ``People.counters``."""
+        return self._people.counters()
+
+    @property
     def robot_counters(self) -> dict[str, int]:
         """See ``RiskEngine.robot_counters``."""
         return self._risk.robot_counters

@@ -115,6 +115,9 @@ def test_somebody_near_is_advised_and_the_robot_known(near):
     assert last.advices[0].level in (Level.SLOW, Level.STOP)
     assert last.advices[0].separation_m == pytest.approx(1.0, abs=0.9)
     assert near.node.frames_in == near.node.scenes_in == len(near.ears.scenes)
+    after = replace(near.ears.scenes[-1], sequence=near.ears.scenes[-1].sequence + 1)
+    near.node.receive(after, near.clock.now_ns())  # the run ends before its tick
+    assert near.node.people_counters["scenes"] == near.node.frames_in == near.node.scenes_in
 
 
 def test_a_risk_stage_that_raises_is_a_fault_and_recovers(near, monkeypatch, caplog):
