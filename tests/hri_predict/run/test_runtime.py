@@ -313,7 +313,7 @@ def test_a_link_that_hangs_does_not_hide_one_that_is_absent(monkeypatch):
     monkeypatch.setattr(starting, "OTHERS_S", 0.01)
     opened = threading.Event()
     hangs = Link("a")
-    hangs.start = opened.wait
+    monkeypatch.setattr(hangs, "start", opened.wait)
     with pytest.raises(LinkError, match=r"^b: not there$"):
         run_real_time(
             assembly=make(links=[hangs, Link("b", absent=True)]),
