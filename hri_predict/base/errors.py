@@ -82,9 +82,9 @@ class ForeignError(Exception):
 def failure(error: BaseException) -> Exception:
     """Return an error of foreign code as an ``Exception``: a failure of that code alone.
 
-    Some errors that do not ask this program to end are no ``Exception``: asyncio's
-    ``CancelledError``, the panic of a library in Rust, and ``SystemExit`` of a part that believes
-    it is a program. Call this first under ``except BaseException``.
+    Some errors derive from ``BaseException`` alone although they do not ask this program to end:
+    asyncio's ``CancelledError``, the panic of a library in Rust, and ``SystemExit`` of a part that
+    behaves like a program. Call this first under ``except BaseException``.
 
     Raises:
         KeyboardInterrupt, GeneratorExit: ``error`` itself, which is not a failure. Ctrl-C reaches
