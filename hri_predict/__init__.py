@@ -11,12 +11,13 @@ Units and frames everywhere: metres, seconds, radians, right-handed, z up; integ
 one clock for time.
 """
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 from hri_predict.base import former_paths
 
-__version__ = "0.2.0"
+__version__ = "0.3.0.dev0"
 """Version; the build reads it here."""
 
 former_paths.install()
@@ -128,3 +129,7 @@ if not TYPE_CHECKING:  # a type checker must not take every unknown name for one
     def __dir__():
         """List the public names, loaded or not."""
         return sorted({*globals(), *__all__})
+
+
+if "HRI_PREDICT_OWN_PROCESS" in os.environ:  # before any library looks for its plug-ins
+    import_module("hri_predict.base.installed").continue_tolerating()

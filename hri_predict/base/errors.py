@@ -6,6 +6,7 @@ without a traceback.
 """
 
 import difflib
+import threading
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -54,6 +55,14 @@ class LinkError(HriPredictError):
     """A link cannot be opened, or cannot carry its messages."""
 
 
+class LinkErrors(LinkError):
+    """Several links cannot be opened; ``lines`` has one line for each."""
+
+    def __init__(self, errors: Iterable[LinkError]) -> None:
+        self.lines = tuple(map(str, errors))
+        super().__init__("\n".join(self.lines))
+
+
 class MachineError(HriPredictError):
     """The machine did something after which a running node cannot continue."""
 
@@ -64,6 +73,33 @@ class DiscoveryError(HriPredictError):
 
 class PredictorError(HriPredictError):
     """A predictor cannot be built, or its forecast breaks the contract."""
+
+
+class ForeignError(Exception):
+    """An error of foreign code that is not an ``Exception``; see ``failure``."""
+
+
+def failure(error: BaseException) -> Exception:
+    """Return an error of foreign code as an ``Exception``: a failure of that code alone.
+
+    Some errors derive from ``BaseException`` alone although they do not ask this program to end:
+    asyncio's ``CancelledError``, the panic of a library in Rust, and ``SystemExit`` of a part that
+    behaves like a program. Call this first under ``except BaseException``.
+
+    Raises:
+        KeyboardInterrupt, GeneratorExit: ``error`` itself, which is not a failure. Ctrl-C reaches
+            only the main thread.
+    """
+    if isinstance(error, GeneratorExit) or (
+        isinstance(error, KeyboardInterrupt)
+        and threading.current_thread() is threading.main_thread()
+    ):
+        raise error
+    if isinstance(error, Exception):
+        return error
+    foreign = ForeignError(f"{type(error).__name__}: {first_line(error)}")
+    foreign.__cause__ = error
+    return foreign
 
 
 class OsErrorAs:

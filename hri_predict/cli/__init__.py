@@ -7,7 +7,7 @@ import sys
 from typing import NoReturn
 
 from hri_predict import __version__
-from hri_predict.base.errors import ConfigMistakes, HriPredictError
+from hri_predict.base.errors import ConfigMistakes, HriPredictError, LinkErrors
 from hri_predict.operation.service import logs
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -24,7 +24,7 @@ def main() -> None:
     try:
         status = _run()
         sys.stdout.flush()  # buffered output may fail to be written, too
-    except ConfigMistakes as error:
+    except (ConfigMistakes, LinkErrors) as error:
         _fail(*error.lines)
     except HriPredictError as error:
         _fail(str(error))
@@ -100,6 +100,9 @@ def _run() -> object:
     if sys.argv[1:] == ["--version"]:
         print(f"hri-predict {__version__}")
         return 0
+    from hri_predict.base import installed
+
+    installed.tolerate_damage()
     from hri_predict.cli.commands import app
 
     try:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, failure
 from hri_predict.cli.common import JsonOption
 from hri_predict.operation.alerting.alert import Trial
 from hri_predict.operation.alerting.hook import failure_text, without
@@ -93,8 +93,8 @@ class _Trying(threading.Thread):
             answer = self._sender.send(Trial(at=at), 0)
             self._result = {"ok": True, "answer": answer}
             self._sender.close()
-        except Exception as error:  # whatever a library raises, the others are tried
-            text = without(self._sender.secrets, failure_text(error))
+        except BaseException as error:  # whatever a library raises, the others are tried
+            text = without(self._sender.secrets, failure_text(failure(error)))
             self._result = self._result or {"ok": False, "answer": text}
 
     def result(self) -> dict[str, Any]:

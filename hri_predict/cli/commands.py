@@ -18,6 +18,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from hri_predict import __version__
+from hri_predict.base import installed
 
 ORDER = (
     "demo", "try", "camera", "cameras", "camera-calibration", "run", "init", "check", "alerts",
@@ -69,7 +70,8 @@ def _points() -> dict[str, metadata.EntryPoint]:
 @lru_cache(maxsize=1)
 def _scanned(_path: tuple[str, ...]) -> dict[str, metadata.EntryPoint]:
     """Return the commands of all packages on the path; the scan reads all entry-point files."""
-    return {point.name: point for point in metadata.entry_points(group="hri_predict.commands")}
+    points = installed.entry_points()
+    return {point.name: point for point in points if point.group == "hri_predict.commands"}
 
 
 def _summary(point: metadata.EntryPoint) -> str:

@@ -17,7 +17,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from hri_predict.base.errors import ConfigError, HriPredictError, LinkError, first_line
+from hri_predict.base.errors import ConfigError, HriPredictError, LinkError, failure, first_line
 from hri_predict.base.looks import LOOKS
 from hri_predict.base.settings import validated
 from hri_predict.cli.common import wrapped_widths
@@ -177,8 +177,8 @@ class _Watch:
                     continue
                 for unit in self._observer.read(READ_S):
                     self._take(replace(unit, key=f"{ROOT}/{unit.key}"))
-            except Exception as error:  # the cells turn silent by themselves
-                self.trouble = first_line(error)
+            except BaseException as error:  # the cells turn silent by themselves
+                self.trouble = first_line(failure(error))
 
     def _take(self, unit: Keyed) -> None:
         # in a flood it may have waited: it is as old as it is

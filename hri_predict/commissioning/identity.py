@@ -20,6 +20,7 @@ from pydantic import JsonValue
 from hri_predict import __version__
 from hri_predict.base.files import data_path
 from hri_predict.base.settings import Settings
+from hri_predict.contracts import registry
 from hri_predict.contracts.joint_map import map_names
 from hri_predict.operation.evidence.chain import file_hash
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
@@ -120,7 +121,8 @@ class Identity(Settings):
         config: dotted key -> value, all defaults included.
         config_hash: SHA-256 of ``config``.
         files: dotted key -> file that the key names or implies.
-        versions: versions of this program, Python, the protocol and some libraries.
+        versions: versions of this program, Python, the protocol and some libraries; hashes of the
+            code of sources, links and predictors of third parties.
     """
 
     config: dict[str, JsonValue]
@@ -163,7 +165,9 @@ def identity_of(config: Config) -> Identity:
         key: File(path=str(path), sha256=_hash_of_file(path))
         for key, path in sorted(dependencies(config, flat).items())
     }
-    return Identity(config=flat, config_hash=_hash(flat), files=files, versions=versions())
+    return Identity(
+        config=flat, config_hash=_hash(flat), files=files, versions=versions() | _foreign(config)
+    )
 
 
 def canonical(config: Config) -> dict[str, Any]:
@@ -218,6 +222,18 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[library] = MISSING
     return found
+
+
+def _foreign(config: Config) -> dict[str, str]:
+    """Return the hashes of the code of third parties that the cell runs, like versions."""
+    source, predictor = config.source.kind, config.predictor
+    codes = {
+        f"the code of source '{source}'": registry.code_of_part("sources", source),
+        f"the code of predictor '{predictor.name}'": registry.code_of(predictor),
+    }
+    for link in config.links:
+        codes[f"the code of link '{link.kind}'"] = registry.code_of_part("links", link.kind)
+    return {text: code[:16] for text, code in codes.items() if code is not None}
 
 
 def differences(old: Identity, new: Identity) -> list[Difference]:

@@ -58,6 +58,10 @@ class PredictorSettings(Settings):
         weights = getattr(self, "weights", None)
         return (Path(weights),) if isinstance(weights, str | Path) else ()
 
+    def runs(self) -> tuple[str, ...]:
+        """Names of other predictors whose code it runs, such as the members of an average."""
+        return ()
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Forecast:

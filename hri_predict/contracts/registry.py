@@ -13,7 +13,9 @@ from functools import lru_cache
 from importlib import metadata
 from typing import Any, Literal, overload
 
-from hri_predict.base.errors import ConfigError, HriPredictError, nearest
+from hri_predict.base import installed
+from hri_predict.base.errors import ConfigError, HriPredictError, failure, nearest
+from hri_predict.base.work.identity import digest_of_package, joined
 from hri_predict.contracts import cell
 from hri_predict.contracts.link import AnyLinkClass, LinkSettings
 from hri_predict.contracts.predictor import AnyPredictorClass, PredictorSettings
@@ -34,17 +36,15 @@ def _entry_points(kind: Kind) -> dict[str, metadata.EntryPoint]:
 
 @lru_cache
 def _registered(kind: Kind, path: tuple[str, ...]) -> dict[str, metadata.EntryPoint]:
-    return {e.name: e for e in _scanned(path).select(group=f"hri_predict.{kind}")}
+    return {e.name: e for e in _scanned(path) if e.group == f"hri_predict.{kind}"}
 
 
 @lru_cache(maxsize=1)
-def _scanned(_path: tuple[str, ...]) -> Any:
+def _scanned(_path: tuple[str, ...]) -> list[metadata.EntryPoint]:
     """Return the registrations of all packages on the path, which requires reading all of their
     metadata.
-
-    Their class differs between Python 3.11 and 3.12; both have ``select``.
     """
-    return metadata.entry_points()
+    return installed.entry_points()
 
 
 def names(kind: Kind) -> list[str]:
@@ -56,7 +56,23 @@ def is_ours(kind: Kind, name: str) -> bool:
     """Whether ``name`` is provided by this package, not by a third party."""
     point = _entry_points(kind).get(name)
     dist = None if point is None else point.dist
-    return dist is not None and dist.name == "hri-predict"
+    return dist is not None and installed.name_of(dist) == "hri-predict"
+
+
+def code_of_part(kind: Kind, name: str) -> str | None:
+    """Return the SHA-256 of the code of a third party's part; ``None`` if it is ours or unknown."""
+    point = _entry_points(kind).get(name)
+    return None if point is None or is_ours(kind, name) else digest_of_package(point.module)
+
+
+def code_of(settings: PredictorSettings) -> str | None:
+    """Return the hash of the third parties' code that a predictor runs; ``None`` if it runs none.
+
+    The code of this package is left out: calibrations stay valid from one release to the next.
+    """
+    names = sorted({settings.name, *settings.runs()})
+    codes = [code for name in names if (code := code_of_part("predictors", name)) is not None]
+    return joined(codes) if codes else None
 
 
 @overload
@@ -96,7 +112,8 @@ def load(kind: Kind, name: str) -> Any:
             f"{kind[:-1]} '{name}' needs a package that is not installed: {error.name or error}; "
             f"{_remedy(points[name])}"
         ) from error
-    except (Exception, SystemExit) as error:  # a third party's module may fail in any way
+    except BaseException as error:
+        failure(error)
         raise ConfigError(
             f"{kind[:-1]} '{name}' cannot be loaded: {_said(error)}; "
             f"fix the package that provides it"
@@ -145,7 +162,8 @@ def predictor_settings(name: str) -> type[PredictorSettings]:
         return load("predictors", name).settings_model
     try:
         model = point.load()
-    except (Exception, SystemExit) as error:  # a third party's module may fail in any way
+    except BaseException as error:
+        failure(error)
         raise ConfigError(
             f"settings of predictor '{name}' cannot be loaded: {_said(error)}; "
             f"fix the package that provides it"
@@ -178,7 +196,8 @@ def calling(failed: str, remedy: str) -> Iterator[None]:
         yield
     except HriPredictError:
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
+        failure(error)
         raise ConfigError(f"{failed}: {_said(error)}; {remedy}") from error
 
 
@@ -191,4 +210,4 @@ def _remedy(point: metadata.EntryPoint) -> str:
     """Return the extras to install, named in the entry point after its object: ``[fleet]``."""
     if not point.extras or point.dist is None:
         return "install it with pip"
-    return f"pip install '{point.dist.name}[{','.join(point.extras)}]'"
+    return f"pip install '{installed.name_of(point.dist)}[{','.join(point.extras)}]'"

@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from hri_predict.base.errors import failure
 from hri_predict.contracts.link import Link, Received
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.contracts.scene import Scene
@@ -159,7 +160,8 @@ class Node:
                 reasons = (*reasons, Reason.LOAD_SHED)
             if second_sender:
                 advices = tuple(replace(advice, level=Level.FAULT) for advice in advices)
-        except Exception:  # last line of defence: the robots stop, whatever failed
+        except BaseException as error:  # last line of defence: the robots stop, whatever failed
+            failure(error)
             if self.assess_failures == 0 or self.assess_failures % 1000 == 0:
                 log.exception("the tick failed (earlier failures: %d)", self.assess_failures)
             self.assess_failures += 1
@@ -222,6 +224,11 @@ class Node:
     def acknowledges_not_counted(self) -> Mapping[str, int]:
         """Reason -> number of Acknowledges that were not presses; see ``Presses``."""
         return self._presses.refused
+
+    @property
+    def people_counters(self) -> Mapping[str, int]:
+        """See ``People.counters``."""
+        return self._people.counters()
 
     @property
     def robot_counters(self) -> dict[str, int]:
@@ -334,7 +341,8 @@ class Node:
         for listener in self._listeners:
             try:
                 call(listener)
-            except Exception:
+            except BaseException as error:
+                failure(error)
                 if self.listener_failures == 0:
                     log.exception("a listener failed")
                 self.listener_failures += 1

@@ -76,7 +76,7 @@ class People(RemembersLost):
         self._declares_noise = declares_noise
         self._steps = history_steps
         self._rate_hz = rate_hz_predictor
-        self._gap_ns = round(gap_s * 1e9)
+        self._gap_ns = gap_ns = round(gap_s * 1e9)
         self._capacity = int(1.25 * span_s * rate_hz_source) + 16
         self._limits = MotionLimits(
             settings.max_joint_speed_m_s,
@@ -108,13 +108,10 @@ class People(RemembersLost):
         self._judged_before = source_settings.judges_bodies
         self._signs: set[Sign] = set()
         self._hip_centred: set[int] = set()
-        self._now_ns = NEVER
+        self._now_ns, self._captures = NEVER, 0
         self._receipt_ns: int | None = None
         self._newest_good_ns: int | None = None
-        self._captures = 0
-        self._unplaced = Unplaced(
-            self._gap_ns, settings.reaccept_captures, source_settings.keeps_ids
-        )
+        self._unplaced = Unplaced(gap_ns, settings.reaccept_captures, source_settings.keeps_ids)
         self._blind = self._impossible = self._misplaced = self._coasts = False
         self._doubts: tuple[Doubt, ...] = ()
         self._recalled, self._has_recalled = [], False
@@ -323,6 +320,11 @@ class People(RemembersLost):
             self._counters["forgotten"] += forgotten
             return forgotten
 
+    def counters(self) -> dict[str, int]:
+        """Return the counters of all scenes so far; those of a snapshot end with its time."""
+        with self._lock:
+            return {**self._gate.counts(), **self._counters}
+
     def snapshot(self, now_ns: int) -> PeopleSnapshot:
         """Return all people at ``now_ns`` (node's clock), and the faults of the input."""
         with self._lock:
@@ -331,8 +333,7 @@ class People(RemembersLost):
             tracks = [(t.id, t.history, t.capture_ns, t.error_m) for t in self._tracks.values()]
             lost, to_acknowledge = self._lost.snapshot(), self._lost.to_acknowledge(now_ns)
             reasons = self._reasons(now_ns)
-            counters = {**self._gate.counts(), **self._counters}
-            clock = self._gate.alignment.estimate()
+            counters, clock = self._gate.counts() | self._counters, self._gate.alignment.estimate()
             newest_good_ns, captures, doubts = self._newest_good_ns, self._captures, self._doubts
         tracks.sort(key=lambda t: t[0])
         people, joints = len(tracks), len(JOINTS)

@@ -49,6 +49,10 @@ class AverageSettings(PredictorSettings):
         """The weights of all members."""
         return tuple(path for member in self.of_members() for path in member.files())
 
+    def runs(self) -> tuple[str, ...]:
+        """The members."""
+        return self.members
+
     def of_members(self) -> list[PredictorSettings]:
         """The members' settings: shipped weights, the same rate and horizon.
 

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hri_predict.base.errors import PredictorError
+from hri_predict.base.errors import PredictorError, failure
 from hri_predict.contracts.predictor import Forecast, Predictor, checked
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.reasons import Reason
@@ -124,7 +124,8 @@ class PredictionRunner:
             return checked(forecast, len(snapshot.ids), self.predictor)
         except PredictorError as error:
             return error
-        except (Exception, SystemExit) as error:  # a third party's predictor must not end the node
+        except BaseException as error:  # a third party's predictor must not end the node
+            failure(error)
             return PredictorError(f"{type(error).__name__}: {error}")
 
     def _work(self) -> None:

@@ -197,7 +197,7 @@ class RiskEngine:
             bodies = self.zones(snapshot, forecast, reasons)
             findings = self.separation(bodies, self.robots(snapshot.now_ns))
             return self.levels(snapshot, bodies, findings)
-        except Exception:
+        except BaseException:
             self._levels.reset()
             raise
 

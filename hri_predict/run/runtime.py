@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from hri_predict.base.clock import VirtualClock
-from hri_predict.base.errors import MachineError
+from hri_predict.base.errors import MachineError, failure
 from hri_predict.base.machine.asleep import Asleep
 from hri_predict.base.machine.realtime import settle, steady
 from hri_predict.contracts.source import NOT_KNOWN_NS, live_part, wait_for
@@ -193,7 +193,8 @@ class _RealTime:
                     self.ticks.captured()
                 if not delivered and due_ns <= clock.now_ns():
                     clock.wait_until(clock.now_ns() + SOURCE_IDLE_NS, stop)
-            except Exception:
+            except BaseException as error:
+                failure(error)
                 if pace.source_failures == 0:
                     log.exception("the source failed; polling it again")
                 pace.source_failures += 1

@@ -8,7 +8,7 @@ from functools import partial
 from importlib.metadata import version
 from typing import Any
 
-from hri_predict.base.errors import HriPredictError
+from hri_predict.base.errors import HriPredictError, failure
 from hri_predict.node.listeners import Listener
 from hri_predict.operation.foxglove.live import FoxgloveLive
 from hri_predict.operation.monitoring.alerts import Alerts
@@ -102,7 +102,8 @@ class Reload:
             first, *others = str(error).splitlines()
             more = f" (and {len(others)} more: hri-predict check)" if others else ""
             said = [f"nothing changed: {first}{more}"]
-        except Exception as error:  # the node continues as it was
+        except BaseException as error:  # the node continues as it was
+            failure(error)
             self.failures += 1
             said = [f"nothing changed: {type(error).__name__}: {error}"]
         for line in said:

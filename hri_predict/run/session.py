@@ -295,7 +295,7 @@ class _Session:
         return self.summary(assembly, pace)
 
     def summary(self, assembly: assemble.Assembly, pace: Pace) -> Summary:
-        people = dict(self.levels.people_counters)
+        people = dict(assembly.node.people_counters)  # of scenes after the last tick, too
         self.close()
         result = summarise(
             node=assembly.node,

@@ -14,7 +14,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 
-from hri_predict.base.errors import LinkError
+from hri_predict.base.errors import LinkError, LinkErrors, failure
+from hri_predict.base.machine.compiled import why_not_kept
 from hri_predict.contracts.link import Link
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Memory, StateSettings
@@ -29,6 +30,10 @@ LONG_S = 8.0
 
 OPEN_LIMIT_S = 60.0
 """Maximum time for a link to start; the links of ``hri_drivers`` fail much sooner, with the reason.
+"""
+OTHERS_S = 5.0
+"""Maximum time for the next link to start or fail once one has failed: all that are absent are
+reported together.
 """
 
 
@@ -45,9 +50,12 @@ class SlowStart(Listener):
         self._timer.start()
 
     def _say(self) -> None:
+        if why := why_not_kept():
+            log.warning("still starting: every start takes this long, because %s", why)
+            return
         log.warning(
-            "still starting: the first start on a machine compiles and converts for up to a "
-            "minute; later starts take seconds"
+            "still starting: the first start after an installation or an update compiles and "
+            "converts for up to a minute; other starts take seconds, more on a busy machine"
         )
 
     def on_tick(self, tick: Tick) -> None:
@@ -90,12 +98,15 @@ def ended_by_signals(stop: threading.Event) -> Iterator[None]:
             signal.signal(number, handler)
     try:
         yield
-        if asked:  # the compiler's callbacks swallow what is raised within them
-            raise asked[-1]
+    except Exception:  # of a part whose start was ended
+        if not asked:
+            raise
     finally:
         for number, inner in before.items():
             if callable(inner):
                 signal.signal(number, inner)
+    if asked:  # callbacks of the compiler and parts of third parties swallow what is raised in them
+        raise asked[-1]
 
 
 class Starting:
@@ -108,7 +119,7 @@ class Starting:
     def __init__(self, links: Sequence[Link]) -> None:
         self._links = links
         self._started: list[Link] = []
-        self._ended: queue.SimpleQueue[Exception | None] = queue.SimpleQueue()
+        self._ended: queue.SimpleQueue[tuple[Link, Exception | None]] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._given_up = False
 
@@ -118,18 +129,23 @@ class Starting:
         return [link for link in self._links if link in self._started]
 
     def start(self) -> None:
-        """Start all links and wait for them; if one fails, stop the others.
+        """Start all links and wait for them; if some fail, stop the others.
 
         Raises:
-            LinkError: the device of a link is absent or does not open.
+            LinkError: devices of links are absent or do not open; each has its line.
         """
         for link in self._links:
             threading.Thread(
                 target=self._start, args=(link,), name=f"{link.name}-start", daemon=True
             ).start()
         try:
-            for _ in self._links:
-                self._wait_for_next()
+            failed = self._wait()
+            errors = [failed[link.name] for link in self._links if link.name in failed]
+            if errors:
+                absent = [error for error in errors if isinstance(error, LinkError)]
+                if len(absent) == len(errors) > 1:
+                    raise LinkErrors(absent)
+                raise next((e for e in errors if not isinstance(e, LinkError)), errors[0])
         except BaseException:  # nothing was sent yet, and silence means stop
             with self._lock:
                 self._given_up = True
@@ -137,29 +153,42 @@ class Starting:
                 link.stop()
             raise
 
-    def _wait_for_next(self) -> None:
-        try:
-            error = self._ended.get(timeout=OPEN_LIMIT_S)
-        except queue.Empty:
-            late = [link.name for link in self._links if link not in self._started]
-            raise LinkError(
-                f"link '{late[0]}': does not open within {OPEN_LIMIT_S:g} s; check its device"
-            ) from None
-        if error is not None:
-            raise error
+    def _wait(self) -> dict[str, Exception]:
+        """Wait for all links, but not long for the others once one has failed.
+
+        Returns:
+            Name of a link that failed -> why.
+
+        Raises:
+            LinkError: a link does not open.
+        """
+        failed: dict[str, Exception] = {}
+        for _ in self._links:
+            try:
+                link, error = self._ended.get(timeout=OTHERS_S if failed else OPEN_LIMIT_S)
+            except queue.Empty:
+                if failed:
+                    break
+                late = [link.name for link in self._links if link not in self._started]
+                raise LinkError(
+                    f"link '{late[0]}': does not open within {OPEN_LIMIT_S:g} s; check its device"
+                ) from None
+            if error is not None:
+                failed[link.name] = error
+        return failed
 
     def _start(self, link: Link) -> None:
         try:
             link.start()
-        except Exception as error:
-            self._ended.put(error)
+        except BaseException as error:
+            self._ended.put((link, failure(error)))
             return
         with self._lock:
             self._started.append(link)
             late = self._given_up
         if late:
             link.stop()
-        self._ended.put(None)
+        self._ended.put((link, None))
 
 
 def memory_of(

@@ -19,7 +19,6 @@ Files are JSON, factors in whole thousandths and radii in whole millimetres, rou
 right joints share their radii.
 """
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -36,11 +35,13 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import package_path, read_text
 from hri_predict.base.settings import Settings, validated
 from hri_predict.base.skeleton import JOINTS, Skeleton
+from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.zones.input_noise import NoiseGrowth
 from hri_predict.zones.learned_scale import ScaleNetwork
 from hri_predict.zones.motion_class import SPEED_CLASSES, trunk_joints
-from hri_predict.zones.motion_ranges import MotionRanges
+from hri_predict.zones.motion_ranges import MAX_RATIO_SHORT, MAX_SPEED_M_S, MotionRanges
+from hri_predict.zones.predictor_identity import identity
 from hri_predict.zones.scale_shape import ScaleShape
 from hri_predict.zones.settings import LEVELS, CoverageSettings
 from hri_predict.zones.toward import BINS
@@ -57,14 +58,13 @@ Millimetres = Annotated[int, Field(ge=1, le=100_000)]
 Share = Annotated[int, Field(ge=1, le=1000)]
 Row = list[Millimetres | None]  # by step; None: unknown, so unbounded
 _KNOWN = {name.removeprefix("l_").removeprefix("r_") for name in JOINTS}
-_HASHED = 16  # hexadecimal digits
 
 
 class RangesFile(Settings):
     """Ranges of the motions in the calibration recordings; see ``MotionRanges``."""
 
-    speed_m_s: dict[str, Annotated[float, Field(ge=0)]]
-    ratio_short: float = Field(gt=0)
+    speed_m_s: dict[str, Annotated[float, Field(ge=0, le=MAX_SPEED_M_S)]]
+    ratio_short: float = Field(gt=0, le=MAX_RATIO_SHORT)
 
 
 class UsedRecording(Settings):
@@ -92,6 +92,7 @@ class CalibrationFile(Settings):
     predictor: str
     settings: dict[str, Any]
     weights: str | None = Field(description="first digits of the weights' SHA-256")
+    code: str | None = Field(None, description="the same of the code of third parties that it runs")
     rate_hz: float = Field(gt=0, le=200)
     steps: int = Field(ge=1, le=2000)
     joints: list[str] = Field(min_length=1, max_length=64)
@@ -124,6 +125,8 @@ class Calibration:
 
     Attributes:
         predictor, settings, weights: the predictor that was calibrated.
+        code: hash of the code of third parties that the predictor ran; ``None``: there was none, or
+            the calibration is older than this feature.
         rate_hz: steps per second.
         joints: names of the G joints, without their side.
         scale: the fitted network.
@@ -157,6 +160,7 @@ class Calibration:
     noise: NoiseGrowth | None = None
     made: date | None = None
     site: SiteParts | None = None
+    code: str | None = None
 
     @property
     def used(self) -> tuple[UsedRecording, ...]:
@@ -201,6 +205,9 @@ def needed(level: float) -> int:
 # -- files --------------------------------------------------------------------------------------
 
 
+_REMEDY = "make a new one: hri-predict calibrate"
+
+
 def shipped_calibration(predictor: str) -> Path:
     """Return the path of the calibration of a shipped predictor."""
     return FOLDER / f"{predictor}.calibration.json"
@@ -216,16 +223,15 @@ def load_calibration(path: Path) -> Calibration:
     try:
         data = json.loads(read_text(path, "calibration"))
     except (ValueError, RecursionError) as error:
-        raise ConfigError(
-            f"{what}: not JSON ({error}); make a new one: hri-predict calibrate"
-        ) from error
+        raise ConfigError(f"{what}: not JSON ({error}); {_REMEDY}") from error
     if isinstance(data, dict) and data.get("version") != VERSION:
-        raise ConfigError(f"{what}: has another version; make a new one: hri-predict calibrate")
-    file = validated(CalibrationFile, data, what)
+        raise ConfigError(f"{what}: has another version; {_REMEDY}")
     try:
-        return _unpacked(file)
+        return _unpacked(validated(CalibrationFile, data, what))
+    except ConfigError as error:
+        raise ConfigError(f"{error}; {_REMEDY}") from error
     except (ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{what}: {error}; make a new one: hri-predict calibrate") from error
+        raise ConfigError(f"{what}: {error}; {_REMEDY}") from error
 
 
 def save_text(calibration: Calibration) -> str:
@@ -234,6 +240,7 @@ def save_text(calibration: Calibration) -> str:
         predictor=calibration.predictor,
         settings=dict(calibration.settings),
         weights=calibration.weights,
+        code=calibration.code,
         rate_hz=calibration.rate_hz,
         steps=calibration.steps,
         joints=list(calibration.joints),
@@ -277,6 +284,8 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         raise ValueError("its levels or speed classes belong to another version")
     if len(set(file.joints)) < len(file.joints) or not _KNOWN.issuperset(file.joints):
         raise ValueError("joints must be those of the canonical skeleton, each once")
+    if not _KNOWN.issuperset(file.ranges.speed_m_s):
+        raise ValueError("ranges.speed_m_s names a joint that the canonical skeleton lacks")
     classes = len(LEVELS), len(SPEED_CLASSES)
     shape = (*classes, len(file.joints), file.steps)
     for table in (file.estimated_thousandths, file.guaranteed_mm, file.limits_mm):
@@ -314,6 +323,7 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         ranges=file.ranges.model_dump(),
         made=file.made,
         site=file.site,
+        code=file.code,
     )
 
 
@@ -331,30 +341,13 @@ def _table(rows: Any, shape: tuple[int, ...]) -> Floats:
 # -- which calibration belongs to which predictor ------------------------------------------------
 
 
-_NOT_ITS_OWN = {"name", "horizon_s", "weights", "engine", "process"}
-"""Settings that are compared elsewhere, or only change where a forecast is computed."""
-
-
-def identity(settings: PredictorSettings) -> tuple[dict[str, Any], str | None]:
-    """Return the settings that affect a predictor's errors, and the hash of its weights."""
-    values = settings.model_dump(mode="json", exclude=_NOT_ITS_OWN)
-    found = [
-        hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "missing"
-        for path in settings.files()
-    ]
-    if all(each == "missing" for each in found):
-        return values, None
-    whole = found[0] if len(found) == 1 else hashlib.sha256(" ".join(found).encode()).hexdigest()
-    return values, whole[:_HASHED]
-
-
 def calibration_for(
     settings: PredictorSettings, coverage: CoverageSettings, base_dir: Path
 ) -> Calibration | None:
     """Return the calibration for a configuration; ``None`` if the predictor ships without one.
 
     Raises:
-        ConfigError: the calibration belongs to another predictor, settings or weights.
+        ConfigError: the calibration belongs to another predictor, settings, weights or code.
     """
     if coverage.calibration is not None:
         path = base_dir / coverage.calibration
@@ -390,4 +383,6 @@ def mismatch(calibration: Calibration, settings: PredictorSettings) -> str:
             return f"was made with {key} {calibration.settings.get(key)}, not {values.get(key)}"
     if calibration.weights != weights:
         return "was made with other weights"
+    if calibration.code is not None and calibration.code != registry.code_of(settings):
+        return f"was made with other code of predictor {settings.name}"
     return ""

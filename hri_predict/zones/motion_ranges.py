@@ -4,7 +4,9 @@ Trackers place joints differently, and bodies differ, so bone lengths do not sho
 can be trusted: there is no range for them here.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +16,18 @@ from hri_predict.zones.human_speed import Velocities, joint_speeds
 
 SHORT_S = 0.12
 """Time ahead within which a forecast is hardly ever wrong, unless the scene itself jumped."""
+
+MAX_SPEED_M_S = 20.0
+"""Highest upper end of a joint's range; twice the fastest joint of the shipped calibrations. A
+higher one would let every motion count as known."""
+MAX_RATIO_SHORT = 10.0
+"""Highest ``ratio_short``; that of the shipped calibrations is about 2."""
+
+
+def bounded(speed_m_s: Mapping[str, float], ratio_short: float) -> dict[str, Any]:
+    """Return the ranges to store, within the limits above: a narrower range is on the safe side."""
+    speed = {name: min(each, MAX_SPEED_M_S) for name, each in speed_m_s.items()}
+    return {"speed_m_s": speed, "ratio_short": min(max(ratio_short, 1e-3), MAX_RATIO_SHORT)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,7 @@ from hri_drivers.links.slots import BULK, Budget, Slots
 from hri_drivers.wires.backoff import BackOff
 from hri_drivers.wires.transport import READ_TIMEOUT_S, TOO_SLOW, Transport, TransportBusy
 from hri_predict.base.clock import Clock
-from hri_predict.base.errors import LinkError, first_line
+from hri_predict.base.errors import LinkError, failure, first_line
 from hri_predict.contracts.link import LinkCounters, LinkSettings, Received
 from hri_predict.protocol.messages import Advice, FromController, Message, RobotState, at_encoding
 from hri_predict.protocol.own_frames import OwnFrames
@@ -180,8 +180,8 @@ class SupervisedLink(Generic[U]):
         try:
             self._open(self._clock.now_ns())
             self._start_reader()
-        except Exception as error:  # the supervisor must survive any fault of its device
-            self._lost(error, self._clock.now_ns())
+        except BaseException as raised:  # the supervisor must survive any fault of its device
+            self._lost(error := failure(raised), self._clock.now_ns())
             tried.set_exception(error)
         else:
             tried.set_result(None)
@@ -191,8 +191,8 @@ class SupervisedLink(Generic[U]):
         while not self._stopping.is_set():
             try:
                 self._turn()
-            except Exception as error:  # the supervisor must survive any fault of its device
-                self._lost(error, self._clock.now_ns())
+            except BaseException as error:  # the supervisor must survive any fault of its device
+                self._lost(failure(error), self._clock.now_ns())
         self._flush()
         self._stop_reader()
         self._end()
@@ -229,9 +229,9 @@ class SupervisedLink(Generic[U]):
                 units = self._transport.read(READ_TIMEOUT_S)
                 if units:
                     self._receive(units, self._clock.now_ns())
-        except Exception as error:  # the writer closes and reopens
+        except BaseException as error:  # the writer closes and reopens
             if not hang_up.is_set():
-                self._reader_error = error
+                self._reader_error = failure(error)
                 self._wake.set()
 
     def _start_reader(self) -> None:
@@ -258,8 +258,8 @@ class SupervisedLink(Generic[U]):
                     return
                 self._wake.clear()
                 self._wake.wait(BUSY_RETRY_S)
-        except Exception as error:  # the link ends either way; keep the cause
-            self._note(error)
+        except BaseException as error:  # the link ends either way; keep the cause
+            self._note(failure(error))
 
     def _end(self) -> None:
         """Close, and count what was not sent."""
@@ -325,7 +325,7 @@ class SupervisedLink(Generic[U]):
             except (ValueError, OverflowError) as error:  # a value fits no field: it alone is lost
                 self.counters.write_errors += 1
                 self._note(error)
-            except Exception:
+            except BaseException:
                 self.counters.write_errors += 1
                 self._return(message)
                 raise

@@ -24,7 +24,7 @@ from hri_drivers.wires.backoff import BackOff
 from hri_drivers.wires.transport import READ_TIMEOUT_S
 from hri_predict.base.arrays import Floats
 from hri_predict.base.clock import Clock, MonotonicClock
-from hri_predict.base.errors import HriPredictError, SourceError
+from hri_predict.base.errors import HriPredictError, SourceError, failure
 from hri_predict.base.files import YAML_ENDINGS
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.base.settings import MAX_RATE_HZ, MIN_RATE_HZ
@@ -228,8 +228,8 @@ class LiveSource:
                     self._connect()
                 for data in self._receiver.read(READ_TIMEOUT_S):
                     self._hear(data)
-            except Exception as error:  # the thread must survive any fault of its device
-                self._lost(error)
+            except BaseException as error:  # the thread must survive any fault of its device
+                self._lost(failure(error))
                 self._stopping.wait(self._back_off.next_s(self._clock.now_ns()))
             self._log_trouble()
         self.connected = False
@@ -239,7 +239,8 @@ class LiveSource:
         """Open the device for the first time, and report the result."""
         try:
             self._connect()
-        except Exception as error:  # the thread must survive any fault of its device
+        except BaseException as raised:  # the thread must survive any fault of its device
+            error = failure(raised)
             self._lost(error)
             tried.set_exception(error)
             self._stopping.wait(self._back_off.next_s(self._clock.now_ns()))
@@ -269,9 +270,9 @@ class LiveSource:
         self.counters.bytes_received += len(data)
         try:
             scenes = self._decoder.feed(data, self._clock.now_ns())
-        except Exception as error:  # a faulty decoder: only these bytes are lost
+        except BaseException as error:  # a faulty decoder: only these bytes are lost
             self.counters.malformed += 1
-            self.counters.note(error)
+            self.counters.note(failure(error))
             self._decoder.reset()
             return
         for sent in scenes:

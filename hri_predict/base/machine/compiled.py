@@ -13,6 +13,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import ModuleType
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -142,6 +143,25 @@ def why_not_compiled() -> str:
     return ""
 
 
+def why_not_kept() -> str:
+    """Return why the next start will compile again, with the remedy; "" if it will not."""
+    folder = cache_folder()
+    if folder is None:
+        return "the cache is off; set HRI_PREDICT_CACHE to a folder"
+    if not _is_writable(folder / "numba"):
+        return f"{folder} cannot be written; correct its permissions, or set HRI_PREDICT_CACHE"
+    return ""
+
+
+def _is_writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        log.debug("cache: %s is not used: %s", folder, error.strerror)
+        return False
+    return os.access(folder, os.W_OK)
+
+
 @contextlib.contextmanager
 def _unused_blas() -> Iterator[None]:
     """Hide scipy's BLAS from numba, which imports it where it finds it, for products of matrices.
@@ -176,13 +196,8 @@ def _compiler() -> Callable[[Callable[..., Any]], Callable[..., Any]] | None:
         log.warning("numba is installed but cannot be used: %s", error)
         return None
     folder = cache_folder()
-    keeps = False
+    keeps = folder is not None and _is_writable(folder / "numba")
     if folder is not None:
-        try:
-            (folder / "numba").mkdir(parents=True, exist_ok=True)
-            keeps = os.access(folder / "numba", os.W_OK)
-        except OSError as error:
-            log.debug("cache: %s is not used: %s", folder, error.strerror)
         numba.config.CACHE_DIR = str(folder / "numba")
     compiler: Callable[..., Any] = numba.njit(cache=keeps, nogil=True, error_model="numpy")
 

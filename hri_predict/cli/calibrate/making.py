@@ -32,8 +32,8 @@ def make(
     from hri_predict.lab.calibration.conformal import calibrate as conformal
     from hri_predict.lab.calibration.levels import levels_text
     from hri_predict.lab.calibration.quantiles import LEAST_RECORDINGS
-    from hri_predict.zones.calibration import identity
     from hri_predict.zones.motion_class import SPEED_CLASSES
+    from hri_predict.zones.predictor_identity import identity
 
     check_out(out)
     warn_of_simulated(data, "calibration")
@@ -55,7 +55,7 @@ def make(
                 on_fit=lambda what: stage(bar, task, what),
                 workers=workers,
             )
-    made = replace(fitted, made=date.today())
+    made = replace(fitted, made=date.today(), code=registry.code_of(settings))
     write_calibration(out, made)
     if as_json:
         print(json.dumps({"file": str(out), **_made(made)}))

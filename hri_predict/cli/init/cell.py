@@ -105,7 +105,13 @@ def link_block(text: str, taken: list[str]) -> dict[str, Any]:
     model = registry.load("links", kind).settings_model
     number = len([name for name in taken if name.startswith(kind)])
     name = kind if number == 0 else f"{kind}{number + 1}"
-    return {"name": name, "kind": kind} | given | _shown(model, {}, given)
+    return {"name": name, "kind": kind} | given | _shown(model, {}, given) | _PROPOSED.get(kind, {})
+
+
+_PROPOSED = {"serial": {"baudrate": 921_600}}
+"""Better than the default: kind of link -> keys. 115200 bit/s, the default of the first release,
+leaves no room for zones and poses; the USB adapters of today can do more.
+"""
 
 
 def _shown(model: Any, ours: dict[str, Any], given: dict[str, Any] | None = None) -> dict[str, Any]:

@@ -37,7 +37,7 @@ from hri_predict.lab.calibration.scores import HISTORY_STEPS, Scores, units
 from hri_predict.lab.calibration.toward import with_toward
 from hri_predict.zones.calibration import OFS, Calibration, Of, UsedRecording, needed, plain
 from hri_predict.zones.motion_class import SPEED_CLASSES, speed_class
-from hri_predict.zones.motion_ranges import SHORT_S, motion_ranges, short_ratio
+from hri_predict.zones.motion_ranges import SHORT_S, bounded, motion_ranges, short_ratio
 from hri_predict.zones.scale_shape import KNOTS, ScaleShape
 from hri_predict.zones.settings import LEVELS
 
@@ -362,4 +362,4 @@ def _ranges(
         for g, name in enumerate(joints)
         if np.isfinite(found.speed_m_s[group == g]).any()
     }
-    return {"speed_m_s": speed, "ratio_short": max(found.ratio_short, 1e-3)}
+    return bounded(speed, found.ratio_short)

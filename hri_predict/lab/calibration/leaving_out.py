@@ -16,13 +16,15 @@ import numpy as np
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.work.workers import Workers
+from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import Predictor, PredictorSettings
 from hri_predict.lab.calibration.conformal import calibrate
 from hri_predict.lab.calibration.coverage import Calibrated, Coverage, as_calibrated, as_run
 from hri_predict.lab.calibration.scores import Scores
 from hri_predict.lab.datasets.tracks import nearest
 from hri_predict.lab.evaluation.table import HORIZONS_MS, Table, plain
-from hri_predict.zones.calibration import OFS, Calibration, Of, identity
+from hri_predict.zones.calibration import OFS, Calibration, Of
+from hri_predict.zones.predictor_identity import identity
 from hri_predict.zones.settings import LEVELS, CoverageSettings
 
 SETS = ("arms", "beside_robot", "cmu_tools", "cmu_subjects", "cmu_dance")
@@ -92,7 +94,7 @@ def leave_out(
             skeleton=predictor.skeleton,
             workers=workers,
         )
-        made = replace(fitted, made=date.today())
+        made = replace(fitted, made=date.today(), code=registry.code_of(settings))
         coverage = {
             (level, of): as_calibrated(
                 own, made, CoverageSettings(level=level, of=of), predictor.skeleton

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, failure
 from hri_predict.base.settings import Settings, validated
 
 Verdict = Literal["pass", "fail", "skipped"]
@@ -65,7 +65,8 @@ def _judged(check: Check[T], part: T) -> CheckResult:
         return CheckResult(name, "fail", str(error))
     except Skipped as error:
         return CheckResult(name, "skipped", str(error))
-    except (Exception, SystemExit) as error:  # a third party's code may fail in any way
+    except BaseException as error:  # a third party's code may fail in any way
+        failure(error)
         lines = str(error).splitlines() or [""]
         return CheckResult(name, "fail", f"raised {type(error).__name__}: {lines[0]}")
 
@@ -120,7 +121,8 @@ def refuses_nonsense(
         except ConfigError as error:
             demand("\n" not in str(error), f"{where}: the message has more than one line")
             continue
-        except Exception as error:
+        except BaseException as error:
+            failure(error)
             raise Broken(
                 f"{where}: raises {type(error).__name__}, not a ConfigError: let a validator "
                 f"raise ValueError"

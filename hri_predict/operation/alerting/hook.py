@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hri_predict.base.clock import Clock, MonotonicClock
+from hri_predict.base.errors import failure
 from hri_predict.operation.alerting.alert import AnyAlert, one_line
 from hri_predict.operation.alerting.sender import Sender, SendError, said
 from hri_predict.operation.alerting.settings import HookSettings
@@ -234,8 +235,8 @@ class Hook:
                 self._tend()
         try:
             self._sender.close()
-        except Exception as error:
-            self._failed(error)
+        except BaseException as error:
+            self._failed(failure(error))
 
     def _next(self) -> Entry | None:
         """Wait for an alert that is due, and return it; ``None`` if the connection needs attention
@@ -253,8 +254,8 @@ class Hook:
         error: Exception | None = None
         try:
             self._sender.send(entry.alert, entry.more_changes)
-        except Exception as failure:  # whatever a library raises, the thread continues
-            error = failure
+        except BaseException as raised:  # whatever a library raises, the thread continues
+            error = failure(raised)
         with self._changed:
             self._under_way = False
             if self._abandoned:
@@ -274,10 +275,10 @@ class Hook:
             return
         try:
             self._sender.tend()
-        except Exception as error:
+        except BaseException as error:
             with self._changed:
                 self._outbox.failures += 1
-            self._failed(error)
+            self._failed(failure(error))
 
     def _failed(self, error: Exception) -> None:
         """Keep the newest error, and log it at a limited rate."""

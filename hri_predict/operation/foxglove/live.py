@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, failure
 from hri_predict.contracts.link import Received
 from hri_predict.contracts.scene import Scene
 from hri_predict.node.listeners import Tick
@@ -189,7 +189,8 @@ class FoxgloveLive(Items):
                 if item.log_ns - look_ns >= LOOK_NS:
                     look_ns, offset_ns = item.log_ns, self._clocks.read(item.log_ns).offset_ns
                 self._send(item, max(item.log_ns + offset_ns, 0))
-            except Exception:  # one item that cannot be encoded must not end the view
+            except BaseException as error:  # one item that cannot be encoded must not end the view
+                failure(error)
                 self.failed += 1
 
     def _shed(self) -> None:

@@ -3,7 +3,7 @@
 The keys of ``Summary.as_dict`` are a contract with users' scripts.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -39,13 +39,11 @@ class LevelCounter(Listener):
         self.ticks_at: dict[str, int] = {}
         self.seconds_at: dict[str, float] = {}
         self.unknown_because: dict[str, int] = {}
-        self.people_counters: Mapping[str, int] = {}
         self.clock: ClockEstimate | None = None
 
     def on_tick(self, tick: Tick) -> None:
         """Count the advice of one tick."""
         if tick.snapshot is not None:
-            self.people_counters = tick.snapshot.counters
             self.clock = tick.snapshot.clock or self.clock
         self._add_seconds((tick.now_ns - self._since_ns) * 1e-9)
         self._advices, self._since_ns = tick.advices, tick.now_ns

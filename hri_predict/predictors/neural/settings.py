@@ -52,6 +52,10 @@ class AggregatedSettings(NeuralSettings):
         """The inner predictor's weights, unless ``weights`` names others."""
         return (shipped_weights(self.inner) if self.weights is None else Path(self.weights),)
 
+    def runs(self) -> tuple[str, ...]:
+        """The inner predictor."""
+        return (self.inner,)
+
 
 def shipped_weights(method: str) -> Path:
     """Path of the shipped weights of a method; the file may be missing."""

@@ -16,8 +16,8 @@ class Description:
     """The attributes of a predictor; see ``contracts.predictor.Predictor``.
 
     Attributes:
-        digest: digest of the files that the forecasts depend on; a restarted worker must have read
-            the same files.
+        digest: digest of the files and the third parties' code that the forecasts depend on; a
+            restarted worker must have read the same.
     """
 
     skeleton: Skeleton
@@ -27,9 +27,9 @@ class Description:
     digest: str
 
     @classmethod
-    def of(cls, predictor: Predictor, files: Sequence[Path]) -> Self:
-        """Describe ``predictor``, which depends on ``files``."""
-        whole = hashlib.sha256()
+    def of(cls, predictor: Predictor, files: Sequence[Path], code: str | None = None) -> Self:
+        """Describe ``predictor``, which depends on ``files`` and runs ``code`` (its hash)."""
+        whole = hashlib.sha256((code or "").encode())
         for path in files:
             whole.update(hashlib.sha256(path.read_bytes()).digest() if path.is_file() else b"-")
         return cls(

@@ -69,7 +69,7 @@ def _serve(link: socket.socket, memory: int, job: dict[str, Any]) -> None:
     model = registry.predictor_settings(job["settings"]["name"])
     settings = validated(model, job["settings"], "predictor")
     predictor = predictor_of(settings)
-    described = Description.of(predictor, settings.files())
+    described = Description.of(predictor, settings.files(), registry.code_of(settings))
     _tell(link, {"ready": described.as_data()})
     if not link.recv(MAX_MESSAGE):  # the word to begin: the memory has its size
         return
@@ -94,12 +94,14 @@ def _serve(link: socket.socket, memory: int, job: dict[str, Any]) -> None:
 
 
 def _answer(windows: Any, number: int, predictor: Any, window: tuple[Any, Any]) -> None:
+    from hri_predict.base.errors import failure
     from hri_predict.contracts.predictor import checked
 
     try:
         forecast = predictor.predict(*window)
         windows.give(number, checked(forecast, len(window[0]), predictor))
-    except (Exception, SystemExit) as error:  # a third party's predictor may fail in any way
+    except BaseException as error:  # a third party's predictor may fail in any way
+        failure(error)
         kind = "" if type(error).__name__ == "PredictorError" else f"{type(error).__name__}: "
         windows.refuse(number, f"{kind}{error}")
 

@@ -7,7 +7,7 @@ import socket
 import threading
 from collections.abc import Mapping, Sequence
 
-from hri_predict.base.errors import first_line
+from hri_predict.base.errors import failure, first_line
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.discovery.services import NODE, DiscoverySettings, instance, txt
 
@@ -80,8 +80,8 @@ class Announcer:
         while not self._stopping.is_set():
             try:
                 self._announce()
-            except Exception as error:  # no network, for example; the node runs on without
-                self._note(error)
+            except BaseException as error:  # no network, for example; the node runs on without
+                self._note(failure(error))
                 self._stopping.wait(RETRY_S)
 
     def _announce(self) -> None:

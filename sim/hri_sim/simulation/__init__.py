@@ -14,13 +14,14 @@ from hri_predict.base.files import YAML_ENDINGS, read_text
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.base.work.identity import code_digest
 from hri_predict.base.work.workers_for import workers_for
+from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.recording.recording import names_of
 from hri_predict.run.compared_predictors import basis_of, demand_use
 from hri_predict.run.config import Config
 from hri_predict.run.session import VIRTUAL_START_NS
 from hri_predict.run.zone_basis import ZoneBasis
-from hri_predict.zones.calibration import identity
+from hri_predict.zones.predictor_identity import identity
 from hri_sim.simulation.approach import ApproachSource, map_of, together
 from hri_sim.simulation.bodies import engines_of
 from hri_sim.simulation.cell import Cell, Variant, variants, with_risk
@@ -110,11 +111,13 @@ def _settings(config: Config) -> PredictorSettings:
 
 
 def _decides(plan: SimulationPlan, predictor: str | None) -> list[Any]:
-    """Return the name, settings, weights and calibration, which determine a predictor's results."""
+    """Return what determines a predictor's results: name, settings, code and calibration."""
     config = plan.loaded(predictor)
+    settings = _settings(config)
     beside = config.node.risk.coverage.calibration
     text = None if beside is None else read_text(config.base_dir / beside, "calibration")
-    return [plan.asked(predictor).label, config.predictor.name, identity(_settings(config)), text]
+    code = registry.code_of(settings)
+    return [plan.asked(predictor).label, settings.name, identity(settings), code, text]
 
 
 def _basis(plan: SimulationPlan, predictor: str | None) -> ZoneBasis:

@@ -1,6 +1,7 @@
 """What every link does, over every transport: the same checks back to back."""
 
 import itertools
+from asyncio import CancelledError
 from dataclasses import replace
 from typing import Any
 
@@ -112,6 +113,30 @@ def test_many_messages_arrive_in_order_or_are_counted(pair):
     assert got == sorted(set(got))
     assert len(got) + pair.link.counters.superseded == 300
     assert pair.link.counters.messages_sent == len(got)
+
+
+@pytest.mark.parametrize("method", ["read", "write"])
+def test_a_driver_that_raises_whatever_it_likes_is_opened_again(monkeypatch, method):
+    pair = make("serial pty", MonotonicClock())
+    raised: list[bool] = []
+    own = getattr(pair.link._transport, method)
+
+    def fails_once(*arguments):
+        if not raised:
+            raised.append(True)
+            raise CancelledError("in its own loop")
+        return own(*arguments)
+
+    monkeypatch.setattr(pair.link._transport, method, fails_once)
+    pair.peer.start()
+    pair.link.start()
+    pair.link.post(STATUS)
+    eventually(lambda: raised and pair.link.connected)
+    pair.link.post(advice(1))
+    eventually(lambda: pair.peer.heard_of(Advice))
+    assert pair.link.last_error == "CancelledError: in its own loop"
+    pair.link.stop()
+    pair.peer.stop()
 
 
 # -- the virtual clock ----------------------------------------------------------------------------

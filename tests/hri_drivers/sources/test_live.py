@@ -3,6 +3,7 @@
 import queue
 import threading
 import time
+from asyncio import CancelledError
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ class Receiver:
             item = self.queue.get(timeout=timeout_s)
         except queue.Empty:
             return []
-        if isinstance(item, Exception):
+        if isinstance(item, BaseException):
             raise item
         return [item]
 
@@ -167,6 +168,12 @@ def test_a_lost_device_is_opened_again(rig):
     assert rig.counters.last_error == "cable pulled"
     assert (rig.receiver.opened, rig.decoder.resets) == (2, 2)
     assert rig.source.connected
+
+
+def test_a_device_whose_library_panics_is_opened_again(rig):
+    rig.put(b"1:0", CancelledError("in its own loop"), b"1:1")
+    assert [s.sequence for s in rig.scenes(2)] == [0, 1]
+    assert rig.counters.last_error == "CancelledError: in its own loop"
 
 
 def test_a_device_that_stays_away_is_tried_ever_more_seldom(rig, monkeypatch):

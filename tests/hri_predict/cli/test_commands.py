@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from hri_predict.cli.commands import ORDER
+from tests.packages import third_party
 from tests.processes import python
 
 CALL = "import sys; from hri_predict.cli import main\n"
@@ -21,11 +22,7 @@ def command(*arguments: str, cwd: Path, **options) -> subprocess.CompletedProces
 
 def package(folder: Path, entry: str, source: str) -> None:
     """A package of others in ``folder`` that registers a command."""
-    info = folder / "others-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: others\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(f"[hri_predict.commands]\n{entry}\n")
-    (folder / "others.py").write_text(source)
+    third_party(folder, f"[hri_predict.commands]\n{entry}\n", others=source)
 
 
 def test_every_command_that_is_registered_has_its_place_in_the_list():

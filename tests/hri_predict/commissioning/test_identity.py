@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from hri_predict.base.files import data_path
 from hri_predict.commissioning.identity import MISSING, differences, flattened, identity_of
+from hri_predict.contracts import registry
 from hri_predict.run import config as configuration
 from hri_predict.zones.calibration import shipped_calibration
 from tests.hri_predict.commissioning.cells import cell_data, load_cell, write_cell
@@ -238,3 +239,16 @@ plain = st.recursive(
 @given(plain, plain)
 def test_only_equal_data_is_equal_when_flat(a, b):
     assert (flattened({"x": a}) == flattened({"x": b})) == (a == b)
+
+
+def test_changed_code_of_a_third_party_is_a_difference(own, monkeypatch):
+    codes = {"predictors": "1a"}
+    monkeypatch.setattr(registry, "code_of", lambda settings: codes["predictors"])
+    monkeypatch.setattr(registry, "code_of_part", lambda kind, name: codes.get(kind))
+    before = identity_of(configuration.load(own))
+    codes |= {"predictors": "1b", "sources": "2"}
+    found = [str(each) for each in differences(before, identity_of(configuration.load(own)))]
+    assert found == [
+        "version of the code of predictor 'constant_velocity': 1a -> 1b",
+        "version of the code of source 'procedural': (none) -> 2",
+    ]

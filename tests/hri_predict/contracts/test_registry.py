@@ -2,12 +2,15 @@
 
 import importlib
 import sys
+from asyncio import CancelledError
 
 import pytest
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import Settings
 from hri_predict.contracts import registry
+from hri_predict.predictors.ensemble import AverageSettings
+from tests.packages import third_party as third_party_package
 
 
 def test_shipped_parts_are_there_and_carry_their_settings():
@@ -35,24 +38,17 @@ def test_an_unknown_name_is_told_the_nearest_and_all_there_are():
 @pytest.fixture
 def third_party(tmp_path, monkeypatch):
     """Another package, with an entry point for a predictor, on the path."""
-    (tmp_path / "other_people_s.py").write_text(
-        "import no_such_library_anywhere\n", encoding="utf-8"
-    )
-    (tmp_path / "good_people_s.py").write_text(
-        "from hri_predict.contracts.predictor import PredictorSettings\n"
+    third_party_package(
+        tmp_path,
+        "[hri_predict.predictors]\nbroken = other_people_s:Wonder\nwonder = good_people_s:Wonder\n"
+        "bare = good_people_s:Bare\nnumber = good_people_s:NUMBER\nmodule = good_people_s\n"
+        "quitting = quitting_people_s:Wonder\n",
+        other_people_s="import no_such_library_anywhere\n",
+        good_people_s="from hri_predict.contracts.predictor import PredictorSettings\n"
         "class Wonder:\n    settings_model = PredictorSettings\n"
         "class Bare:\n    pass\n"
         "NUMBER = 3\n",
-        encoding="utf-8",
-    )
-    (tmp_path / "quitting_people_s.py").write_text("raise SystemExit(0)\n", encoding="utf-8")
-    info = tmp_path / "other_people_s-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other-people-s\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(
-        "[hri_predict.predictors]\nbroken = other_people_s:Wonder\nwonder = good_people_s:Wonder\n"
-        "bare = good_people_s:Bare\nnumber = good_people_s:NUMBER\nmodule = good_people_s\n"
-        "quitting = quitting_people_s:Wonder\n"
+        quitting_people_s="raise SystemExit(0)\n",
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     importlib.invalidate_caches()
@@ -90,6 +86,49 @@ def test_a_library_of_an_extra_is_told_with_its_extra(monkeypatch, name, library
     assert str(caught.value).endswith(f"; pip install 'hri-predict[{extra}]'")
 
 
+def code_of(*names):
+    return [registry.code_of_part("predictors", name) for name in names]
+
+
+@pytest.mark.usefixtures("third_party")
+def test_the_code_of_a_third_party_has_a_hash_that_any_change_changes(tmp_path):
+    before = code_of("wonder", "broken")
+    assert code_of("kalman", "nowhere") == [None, None]
+    assert None not in before
+    (tmp_path / "good_people_s.py").write_text("NUMBER = 4\n")
+    after = code_of("wonder", "broken")
+    assert after[0] != before[0]
+    assert after[1] == before[1]  # another module
+    assert "good_people_s" not in sys.modules  # nothing is imported
+
+
+def test_any_module_of_a_package_counts(tmp_path, monkeypatch):
+    third_party_package(tmp_path, "[hri_predict.predictors]\ndeep = whole_s.inner.part:Deep\n")
+    inner = tmp_path / "whole_s" / "inner"
+    inner.mkdir(parents=True)
+    (inner / "part.py").write_text("")
+    (tmp_path / "whole_s" / "__init__.py").write_text("")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    importlib.invalidate_caches()
+    seen = [code_of("deep")]
+    (tmp_path / "whole_s" / "helper.py").write_text("FACTOR = 2\n")
+    seen.append(code_of("deep"))
+    (tmp_path / "whole_s" / "__pycache__").mkdir()
+    (tmp_path / "whole_s" / "__pycache__" / "helper.pyc").write_text("compiled")
+    assert code_of("deep") == seen[1] != seen[0]
+
+
+@pytest.mark.usefixtures("third_party")
+def test_an_average_runs_the_code_of_its_members(tmp_path):
+    def code(*members):
+        return registry.code_of(AverageSettings(name="average", members=members))
+
+    assert code("kalman", "constant_velocity") is None
+    before = code("kalman", "wonder")
+    (tmp_path / "good_people_s.py").write_text("NUMBER = 4\n")
+    assert code("kalman", "wonder") != before
+
+
 @pytest.mark.usefixtures("third_party")
 @pytest.mark.parametrize("name", ["bare", "number", "module"])
 def test_what_is_no_part_is_refused_in_one_line(name):
@@ -103,7 +142,9 @@ def test_a_module_that_exits_does_not_end_the_program():
         registry.load("predictors", "quitting")
 
 
-@pytest.mark.parametrize("error", [RuntimeError("one\ntwo"), KeyError("x"), SystemExit(0)])
+@pytest.mark.parametrize(
+    "error", [RuntimeError("one\ntwo"), KeyError("x"), SystemExit(0), CancelledError()]
+)
 def test_a_part_that_cannot_be_built_is_told_in_one_line(error):
     with pytest.raises(ConfigError) as caught, registry.building("link 'x'"):
         raise error

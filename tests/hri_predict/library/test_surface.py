@@ -1,6 +1,7 @@
 """What ``import hri_predict`` offers, and what it costs."""
 
 import ast
+import re
 import subprocess
 import sys
 from importlib import metadata
@@ -10,6 +11,7 @@ import pytest
 
 import hri_predict
 
+ROOT = Path(hri_predict.__file__).parents[1]
 SOURCE = Path(hri_predict.__file__).read_text(encoding="utf-8")
 
 
@@ -61,8 +63,7 @@ def test_torch_is_loaded_for_trained_predictors_alone():
 
 def test_the_version_is_that_of_the_installed_package():
     """One source: the build reads it from ``hri_predict/__init__.py``."""
-    root = Path(hri_predict.__file__).parents[1]
-    pyproject = (root / "pyproject.toml").read_text(encoding="utf-8")
+    pyproject = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     assert 'dynamic = ["version"]' in pyproject
     assert f'__version__ = "{hri_predict.__version__}"' in SOURCE
     said = subprocess.run(
@@ -71,3 +72,15 @@ def test_the_version_is_that_of_the_installed_package():
     assert said.returncode == 0
     assert said.stdout == f"hri-predict {hri_predict.__version__}\n"
     assert metadata.version("hri-predict").split(".")[:1] == hri_predict.__version__.split(".")[:1]
+
+
+def test_between_releases_the_version_is_the_next_one_with_dev():
+    """As CONTRIBUTING asks: what is not a release must not look like one."""
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    heading, released = re.findall(r"^## (\S+)", changes, re.M)[:2]
+    own = hri_predict.__version__
+    if heading == "Unreleased":
+        assert re.fullmatch(r"\d+\.\d+\.\d+\.dev0", own)
+        assert [int(n) for n in own.split(".")[:3]] > [int(n) for n in released.split(".")]
+    else:
+        assert own == heading

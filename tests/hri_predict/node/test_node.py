@@ -1,5 +1,6 @@
 """The node: one tick, its life cycle, and what it does when a stage fails."""
 
+from asyncio import CancelledError
 from dataclasses import replace
 from typing import Any
 
@@ -29,7 +30,7 @@ MS = 1_000_000
 class Ears(Listener):
     """Keeps what it is told; fails where it is asked to."""
 
-    def __init__(self, fails=False):
+    def __init__(self, fails=None):
         self.fails = fails
         self.ticks, self.scenes, self.received = [], [], []
 
@@ -45,7 +46,7 @@ class Ears(Listener):
     def _take(self, kept, what):
         kept.append(what)
         if self.fails:
-            raise RuntimeError("a listener of the user's failed")
+            raise self.fails
 
 
 class QuietLink:
@@ -114,6 +115,9 @@ def test_somebody_near_is_advised_and_the_robot_known(near):
     assert last.advices[0].level in (Level.SLOW, Level.STOP)
     assert last.advices[0].separation_m == pytest.approx(1.0, abs=0.9)
     assert near.node.frames_in == near.node.scenes_in == len(near.ears.scenes)
+    after = replace(near.ears.scenes[-1], sequence=near.ears.scenes[-1].sequence + 1)
+    near.node.receive(after, near.clock.now_ns())  # the run ends before its tick
+    assert near.node.people_counters["scenes"] == near.node.frames_in == near.node.scenes_in
 
 
 def test_a_risk_stage_that_raises_is_a_fault_and_recovers(near, monkeypatch, caplog):
@@ -136,10 +140,11 @@ def test_a_risk_stage_that_raises_is_a_fault_and_recovers(near, monkeypatch, cap
     assert all(report.ended == "ok" for report in near.cell.stop())
 
 
+@pytest.mark.parametrize("error", [OSError("injected"), CancelledError()])
 @pytest.mark.parametrize("stage", ["people", "prediction"])
-def test_any_other_stage_that_raises_is_a_fault_too(near, monkeypatch, stage, caplog):
+def test_any_other_stage_that_raises_is_a_fault_too(near, monkeypatch, stage, error, caplog):
     def raises(*_):
-        raise OSError("injected")
+        raise error
 
     method = {"people": "snapshot", "prediction": "run"}[stage]
     monkeypatch.setattr(getattr(near.node, f"_{stage}"), method, raises)
@@ -152,6 +157,10 @@ def _raises(forecast):
     raise RuntimeError("injected")
 
 
+def _cancels(forecast):
+    raise CancelledError
+
+
 def _nan(forecast):
     return Forecast(np.full_like(forecast.positions, np.nan), None)
 
@@ -160,7 +169,7 @@ def _short(forecast):
     return Forecast(forecast.positions[:, 1:], None)
 
 
-@pytest.mark.parametrize("answer", [_raises, _nan, _short])
+@pytest.mark.parametrize("answer", [_raises, _cancels, _nan, _short])
 def test_a_predictor_that_fails_leaves_the_physical_limits(near, monkeypatch, answer, caplog):
     sound = near.run(0.04)[0]
     predictor = near.assembly.prediction.predictor
@@ -198,8 +207,9 @@ def test_conditions_beside_the_way_are_in_status_and_notes_of_the_advice(near):
     assert tick.status.node_state is NodeState.DEGRADED
 
 
-def test_listeners_that_fail_are_counted_and_stop_nothing(make_workcell, caplog):
-    fails, sound = Ears(fails=True), Ears()
+@pytest.mark.parametrize("error", [RuntimeError("of the user"), CancelledError()])
+def test_listeners_that_fail_are_counted_and_stop_nothing(make_workcell, caplog, error):
+    fails, sound = Ears(fails=error), Ears()
     cell = make_workcell(make_workcell.near, listeners=[fails, sound])
     ticks = cell.run(1.0)
     assert ticks[-1].status.node_state is NodeState.RUNNING

@@ -1,3 +1,4 @@
+import asyncio
 import threading
 import time
 
@@ -115,12 +116,26 @@ def test_a_hanging_predictor_delays_no_tick_and_recovers():
     runner.stop()
 
 
-def test_a_predictor_that_exits_does_not_end_the_node():
+@pytest.mark.parametrize("deadline", [None, 5.0])
+@pytest.mark.parametrize("error", [SystemExit(0), asyncio.CancelledError(), BaseException("odd")])
+def test_whatever_a_predictor_raises_does_not_end_the_node(error, deadline, caplog):
     def leaves(history):
-        raise SystemExit(0)
+        raise error
 
-    runner = PredictionRunner(Scripted(leaves), None)
+    runner = PredictionRunner(Scripted(leaves), deadline)
+    runner.start()
     assert runner.run(snapshot(1)) == (None, Reason.PREDICTOR_FAILED)
+    assert runner.run(snapshot(1)) == (None, Reason.PREDICTOR_FAILED)
+    runner.stop()
+    assert type(error).__name__ in caplog.text
+
+
+def test_ctrl_c_while_a_predictor_works_ends_the_run():
+    def leaves(history):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        PredictionRunner(Scripted(leaves), None).run(snapshot(1))
 
 
 @pytest.mark.parametrize("kind", [complex, object, int])

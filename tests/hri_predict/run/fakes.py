@@ -15,7 +15,7 @@ class Source:
         self.period_ns, self.count = period_ns, count
         self.k, self.start_ns, self.polls, self.closed = 0, 0, 0, False
         self.rate_hz = 1e9 / (period_ns or 10 * MS)
-        self.fails: list[str] = []  # what to raise, one per poll
+        self.fails: list[BaseException] = []  # what to raise, one per poll
 
     def open(self, start_ns):
         self.start_ns = start_ns
@@ -29,7 +29,7 @@ class Source:
         self.polls += 1
         assert not self.closed
         if self.fails:
-            raise OSError(self.fails.pop())
+            raise self.fails.pop()
         due_ns = self.next_ns()
         if due_ns is None or due_ns > now_ns:
             return None

@@ -7,18 +7,20 @@ import itertools
 import sys
 import threading
 import time
+from asyncio import CancelledError
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from hri_predict.base.clock import MonotonicClock, VirtualClock
-from hri_predict.base.errors import LinkError, MachineError
+from hri_predict.base.errors import LinkError, LinkErrors, MachineError
 from hri_predict.base.machine import asleep
 from hri_predict.base.machine.realtime import RealtimeSettings
 from hri_predict.contracts.source import NOT_KNOWN_NS
 from hri_predict.node.publish_phase import PublishPhase
 from hri_predict.protocol.messages import NodeState
+from hri_predict.run import starting
 from hri_predict.run.runtime import run_real_time, run_virtual
 from tests.hri_predict.run.fakes import MS, Node, Source
 
@@ -161,7 +163,7 @@ def test_no_tick_follows_the_sleep_of_the_machine(monkeypatch):
 
 def test_a_source_that_raises_is_asked_again_and_counted(caplog):
     source = Source()
-    source.fails = ["cable", "cable"]
+    source.fails = [OSError("cable"), CancelledError()]
     assembly = make(source=source)
     pace = run_real_time(assembly=assembly, stop=threading.Event(), duration_s=0.5)
     assert pace.source_failures == 2
@@ -297,6 +299,28 @@ def test_an_absent_device_is_an_error_and_what_was_opened_is_closed():
         run_real_time(assembly=assembly, stop=threading.Event(), duration_s=1)
     assert there.log == ["start", "stop"]
     assert assembly.node.said == []
+
+
+def test_all_absent_devices_are_named_together_in_the_order_of_the_links():
+    links = [Link("a", absent=True), Link("b"), Link("c", absent=True)]
+    with pytest.raises(LinkErrors) as caught:
+        run_real_time(assembly=make(links=links), stop=threading.Event(), duration_s=1)
+    assert caught.value.lines == ("a: not there", "c: not there")
+    assert links[1].log == ["start", "stop"]
+
+
+def test_a_link_that_hangs_does_not_hide_one_that_is_absent(monkeypatch):
+    monkeypatch.setattr(starting, "OTHERS_S", 0.01)
+    opened = threading.Event()
+    hangs = Link("a")
+    monkeypatch.setattr(hangs, "start", opened.wait)
+    with pytest.raises(LinkError, match=r"^b: not there$"):
+        run_real_time(
+            assembly=make(links=[hangs, Link("b", absent=True)]),
+            stop=threading.Event(),
+            duration_s=1,
+        )
+    opened.set()
 
 
 def test_a_tick_that_raises_ends_it_with_the_controllers_told(monkeypatch):

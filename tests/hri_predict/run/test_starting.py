@@ -4,9 +4,12 @@ import contextlib
 import os
 import signal
 import threading
+from asyncio import CancelledError
 
 import pytest
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts import registry
 from hri_predict.protocol.messages import Level
 from hri_predict.run.runtime import stop_on_signals
 from hri_predict.run.starting import SlowStart, ended_by_signals
@@ -37,6 +40,20 @@ def test_a_signal_that_a_compiler_swallows_ends_the_start_when_it_has_compiled()
         signal.raise_signal(signal.SIGINT)
 
 
+def test_a_signal_that_a_part_takes_for_its_own_failure_ends_the_start():
+    stop = threading.Event()
+    part = registry.building("predictor 'theirs'")
+    with stop_on_signals(stop), pytest.raises(SystemExit), ended_by_signals(stop), part:
+        signal.raise_signal(signal.SIGTERM)
+
+
+def test_a_part_that_cannot_be_built_is_said_where_nothing_asked_for_the_end():
+    stop = threading.Event()
+    part = registry.building("predictor 'theirs'")
+    with pytest.raises(ConfigError, match="cannot be built"), ended_by_signals(stop), part:
+        raise CancelledError
+
+
 def test_a_hangup_that_asks_for_something_else_ends_no_start():
     asked = []
     stop = threading.Event()
@@ -55,6 +72,17 @@ def test_a_start_that_takes_long_is_said_once(caplog):
     start._timer.join(30.0)
     start.over()
     assert len(said(caplog)) == 1
+
+
+def test_a_start_that_is_long_every_time_says_why_and_the_remedy(caplog, monkeypatch, tmp_path):
+    monkeypatch.setenv("HRI_PREDICT_CACHE", "")
+    SlowStart(after_s=0.0)._timer.join(30.0)
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("HRI_PREDICT_CACHE", str(tmp_path / "file"))
+    SlowStart(after_s=0.0)._timer.join(30.0)
+    off, damaged = (record.message for record in said(caplog))
+    assert "every start takes this long, because the cache is off; set HRI_PREDICT_CACHE" in off
+    assert f"{tmp_path / 'file'} cannot be written" in damaged
 
 
 def test_a_start_that_is_over_is_not_said(caplog):

@@ -6,7 +6,10 @@ import pytest
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.zones.human_speed import joint_velocities
 from hri_predict.zones.motion_ranges import (
+    MAX_RATIO_SHORT,
+    MAX_SPEED_M_S,
     MotionRanges,
+    bounded,
     is_out_of_range,
     motion_ranges,
     short_ratio,
@@ -70,3 +73,12 @@ def test_short_ratio_is_the_upper_median_of_the_judged():
     judged = np.array([[True, True, True, False], [True, True, False, False], [False] * 4])
     np.testing.assert_array_equal(short_ratio(ratio, judged), [3.0, 2.0, np.nan])
     assert short_ratio(np.zeros((0, 4)), np.zeros((0, 4), bool)).shape == (0,)
+
+
+def test_ranges_that_are_stored_are_never_so_wide_that_nothing_is_outside():
+    found = bounded({"wrist": 1e6, "hip": 3.0}, 1e9)
+    assert found == {
+        "speed_m_s": {"wrist": MAX_SPEED_M_S, "hip": 3.0},
+        "ratio_short": MAX_RATIO_SHORT,
+    }
+    assert bounded({}, 0.0)["ratio_short"] > 0.0

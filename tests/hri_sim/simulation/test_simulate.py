@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from hri_predict.base.errors import ConfigError
+from hri_predict.contracts import registry
 from hri_predict.run import config as configuration
 from hri_predict.zones.calibration import shipped_calibration
-from hri_sim.simulation import report, simulate
+from hri_sim.simulation import _decided_by, _plan, report, simulate
 from hri_sim.simulation.request import SimulationRequest
 from hri_sim.simulation.work import BLOCK, SimulationPlan, blocks, episodes
 from tests.hri_predict.base.machine.dask_processes import scheduler, worker
@@ -53,6 +54,14 @@ def request_of(recording, tmp_path):
 
 def text(result):
     return report(result, None).json
+
+
+def test_changed_code_of_a_predictor_is_another_simulation(request_of, monkeypatch):
+    plan = _plan(request_of())
+    before = _decided_by(plan)
+    assert _decided_by(plan) == before
+    monkeypatch.setattr(registry, "code_of", lambda settings: "1a")
+    assert _decided_by(plan) != before
 
 
 @pytest.mark.long

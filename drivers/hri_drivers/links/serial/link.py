@@ -33,7 +33,8 @@ class SerialLinkSettings(FramedLinkSettings):
         115_200,
         ge=1200,
         le=12_000_000,
-        description="bit rate of the line, same as the controller's",
+        description="bit rate of the line, same as the controller's; 115200 carries the advice, "
+        "and 921600 zones and poses, too",
     )
     parity: Parity = Field("none", description="parity bit, same as the controller's")
     stop_bits: StopBits = Field(1, description="stop bits, same as the controller's")

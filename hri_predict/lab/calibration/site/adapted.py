@@ -21,7 +21,7 @@ from hri_predict.lab.calibration.site.mixing import Ratios, moved, weights_of
 from hri_predict.lab.calibration.site.parts import Part
 from hri_predict.zones.calibration import OFS, Calibration, Of, SiteParts, UsedRecording, plain
 from hri_predict.zones.motion_class import SPEED_CLASSES
-from hri_predict.zones.motion_ranges import SHORT_S, short_ratio
+from hri_predict.zones.motion_ranges import SHORT_S, bounded, short_ratio
 
 
 def adapted(
@@ -169,7 +169,4 @@ def _ranges(
     flat = np.where(judged, ratio, 0.0).reshape(-1, len(group))
     wrong = short_ratio(flat, judged.reshape(flat.shape))
     worst = float(np.nanmax(wrong)) if np.isfinite(wrong).any() else 0.0
-    return {
-        "speed_m_s": speed,
-        "ratio_short": max(float(base.ranges["ratio_short"]), worst),
-    }
+    return bounded(speed, max(float(base.ranges["ratio_short"]), worst))

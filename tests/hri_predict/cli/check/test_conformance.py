@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from asyncio import CancelledError
 
 import pytest
 
@@ -79,7 +80,7 @@ def test_what_a_part_says_is_printed_as_it_is(capsys, monkeypatch):
     assert "[/red]" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("error", [RuntimeError("no\nway"), SystemExit(0)])
+@pytest.mark.parametrize("error", [RuntimeError("no\nway"), SystemExit(0), CancelledError()])
 def test_a_part_that_cannot_be_built_is_one_line(monkeypatch, error):
     class Unbuilt(ZeroVelocity):
         def __init__(self, settings):

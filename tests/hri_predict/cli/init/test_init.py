@@ -108,6 +108,8 @@ def test_all_answers_by_flags_need_no_terminal(call, tmp_path):
         == (data["links"][0])
     )
     assert data["links"][1]["port"] == "/dev/ttyUSB0"
+    readme = (data_path().parent / "README.md").read_text(encoding="utf-8")
+    assert f"baudrate: {data['links'][1]['baudrate']}" in readme  # has room for zones and poses
 
 
 def test_every_key_has_a_comment_and_lines_fit_80_columns(call, tmp_path):

@@ -26,7 +26,7 @@ from hri_predict.lab.calibration.scene import (
 )
 from hri_predict.lab.calibration.scores import score_recordings
 from hri_predict.predictors.baselines import ConstantVelocity, ConstantVelocitySettings
-from hri_predict.zones.calibration import identity
+from hri_predict.zones.predictor_identity import identity
 from hri_predict.zones.settings import CoverageSettings
 
 RATE_HZ = 25.0

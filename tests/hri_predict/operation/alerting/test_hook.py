@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from asyncio import CancelledError
 from functools import partial
 
 import pytest
@@ -87,7 +88,7 @@ def test_the_others_deliver_while_one_is_stuck(tmp_path):
 
 
 def test_whatever_a_receiver_raises_the_thread_goes_on():
-    sender = Failing(ZeroDivisionError("oops"), SendError("for good", permanent=True))
+    sender = Failing(CancelledError("oops"), SendError("for good", permanent=True))
     hook = Hook(settings(retry_s=0), sender)
     hook.start()
     for level in ("slow", "stop"):

@@ -26,7 +26,7 @@ from hri_predict.predictors.neural.network import (
 )
 from hri_predict.predictors.neural.predictor import NeuralPredictor
 from hri_predict.predictors.neural.settings import NeuralSettings
-from hri_predict.zones.calibration import identity
+from hri_predict.zones.predictor_identity import identity
 
 pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed")
 

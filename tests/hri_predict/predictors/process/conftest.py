@@ -12,11 +12,12 @@ from hri_predict.contracts import registry
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.process.remote import Job
 from hri_predict.predictors.process.runner import ProcessRunner
+from tests.packages import third_party
 
 J = len(CANONICAL.joints)
 
 ODD = '''
-import logging, os, time
+import asyncio, logging, os, time
 from pathlib import Path
 import numpy as np
 from hri_predict.contracts.predictor import Forecast, PredictorSettings
@@ -72,6 +73,8 @@ class Odd:
             return Forecast(positions[0], None)
         if does == "exit":
             raise SystemExit(0)
+        if does == "cancel":
+            raise asyncio.CancelledError
         if does == "die":
             os._exit(3)
         if does == "print":
@@ -91,11 +94,7 @@ class Odd:
 def odd(tmp_path, monkeypatch):
     """The package on the path, found by its entry point."""
     folder = tmp_path / "theirs"
-    info = folder / "odd_people_s-1.0.dist-info"
-    info.mkdir(parents=True)
-    (folder / "odd_people_s.py").write_text(ODD, encoding="utf-8")
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: odd-people-s\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[hri_predict.predictors]\nodd = odd_people_s:Odd\n")
+    third_party(folder, "[hri_predict.predictors]\nodd = odd_people_s:Odd\n", odd_people_s=ODD)
     monkeypatch.syspath_prepend(str(folder))
     importlib.invalidate_caches()
     yield folder

@@ -54,5 +54,12 @@ def test_other_files_make_another_predictor(tmp_path):
     assert not before.is_like(Description.of(Some(STICK), [path]))
 
 
+def test_other_code_makes_another_predictor():
+    before = Description.of(Some(STICK), [], "1a")
+    assert before.is_like(there_and_back(Description.of(Some(STICK), [], "1a")))
+    assert not before.is_like(Description.of(Some(STICK), [], "1b"))
+    assert not before.is_like(Description.of(Some(STICK), []))
+
+
 def test_another_skeleton_makes_another_predictor():
     assert not Description.of(Some(STICK), []).is_like(Description.of(Some(LIMP), []))

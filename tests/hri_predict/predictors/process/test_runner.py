@@ -71,7 +71,7 @@ def test_nobody_here_needs_no_predictor(started):
     assert forecast.positions.shape == (0, 4, 21, 3)
 
 
-@pytest.mark.parametrize("does", ["raise", "nan", "wrong shape", "exit"])
+@pytest.mark.parametrize("does", ["raise", "nan", "wrong shape", "exit", "cancel"])
 def test_whatever_breaks_the_contract_becomes_a_reason_and_the_worker_lives(
     started, does, tmp_path, caplog
 ):
@@ -81,7 +81,8 @@ def test_whatever_breaks_the_contract_becomes_a_reason_and_the_worker_lives(
     assert runner.counters["predictor_failures"] == 1
     assert runner.run(snapshot(1))[1] is None
     assert pid_of(runner) == worker
-    said = {"raise": "RuntimeError: out of memory", "nan": "not finite", "exit": "SystemExit"}
+    said = {"raise": "RuntimeError: out of memory", "nan": "not finite"}
+    said |= {"exit": "SystemExit", "cancel": "CancelledError"}
     assert said.get(does, "shape") in caplog.text
 
 

@@ -1,0 +1,87 @@
+"""Entry points of the installed packages, although those of one package may be damaged.
+
+Python reads the entry points of all packages together, so one damaged file, of any package, raises
+an error in every library that looks for its plug-ins: pydantic, torch, numba and python-can do so
+when they are imported or first used. In this project's own processes such a file counts as empty.
+"""
+
+import logging
+import os
+from importlib import metadata
+from typing import Any
+
+from hri_predict.base.errors import first_line
+
+OWN_PROCESS = "HRI_PREDICT_OWN_PROCESS"
+"""Environment variable of the command line and of all processes that it starts."""
+
+_log = logging.getLogger(__name__)
+_read: Any = metadata.Distribution.entry_points
+_reported: set[str] = set()
+
+
+def entry_points() -> list[metadata.EntryPoint]:
+    """Return the entry points of all packages; a later package of the same name is ignored.
+
+    A package whose entry points cannot be read is left out, with a warning.
+    """
+    seen: set[str] = set()
+    found: list[metadata.EntryPoint] = []
+    for package in metadata.distributions():
+        name = getattr(package, "_normalized_name", None) or name_of(package)
+        if name not in seen:
+            seen.add(name)
+            found += _readable(package)
+    return found
+
+
+def name_of(package: metadata.Distribution) -> str:
+    """Return the name of a package; its folder if its metadata cannot be read either."""
+    try:
+        return package.metadata["Name"] or _folder_of(package)
+    except Exception:
+        return _folder_of(package)
+
+
+def tolerate_damage() -> None:
+    """Let every library of this process, and of those that it starts, ignore damaged entry points.
+
+    For the command line only: this changes ``importlib.metadata``, which a user's own program
+    shares with us.
+    """
+    os.environ[OWN_PROCESS] = "1"
+    _log.setLevel(logging.NOTSET)
+    metadata.Distribution.entry_points = property(_readable)  # type: ignore[assignment, method-assign]
+
+
+def continue_tolerating() -> None:
+    """``tolerate_damage`` in a process of the command line, which has already warned."""
+    tolerate_damage()
+    _log.setLevel(logging.ERROR)
+
+
+def _readable(package: metadata.Distribution) -> metadata.EntryPoints:
+    try:
+        return _read.fget(package)
+    except Exception as error:  # the parser raises whatever it stumbles over
+        folder = _folder_of(package)
+        if folder not in _reported:
+            _reported.add(folder)
+            _log.warning(
+                "package '%s': the file entry_points.txt in %s is damaged (%s), so the package's "
+                "plug-ins are ignored; reinstall the package, or delete that folder",
+                name_of(package), folder, _said(error),
+            )  # fmt: skip
+        return metadata.EntryPoints()
+
+
+def _said(error: Exception) -> str:
+    if isinstance(error, UnicodeDecodeError):
+        return "it is not UTF-8"
+    if isinstance(error, TypeError):  # of the parser's pair of name and value
+        return "a line is not 'name = value'"
+    return f"{type(error).__name__}: {first_line(error)}"
+
+
+def _folder_of(package: metadata.Distribution) -> str:
+    return str(getattr(package, "_path", package))
