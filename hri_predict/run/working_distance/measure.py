@@ -271,14 +271,17 @@ class Measure:
     ) -> float | None:
         """Return the working distance in metres, to ``step``; ``None`` if above ``FARTHEST_M``.
 
-        The search starts between ``low`` and ``high``.
+        The search starts between ``low`` and ``high``, which may be equal or swapped: it moves on
+        by at least ``step`` each time and never leaves ``NEAREST_M`` to ``FARTHEST_M``, so it ends.
         """
+        low = min(max(low, NEAREST_M), FARTHEST_M)
+        high = min(max(high, low + step), FARTHEST_M)
         while not self.works(high):
             if high >= FARTHEST_M:
                 return None
-            low, high = high, min(FARTHEST_M, high + 2 * (high - low))
+            low, high = high, min(FARTHEST_M, high + max(step, 2 * (high - low)))
         while low > NEAREST_M and self.works(low):
-            low, high = max(NEAREST_M, low - 2 * (high - low)), low
+            low, high = max(NEAREST_M, low - max(step, 2 * (high - low))), low
         while high - low > step:
             middle = 0.5 * (low + high)
             low, high = (low, middle) if self.works(middle) else (middle, high)
