@@ -5,153 +5,25 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
-from torch import nn
 
 from hri_predict.base.errors import ConfigError, PredictorError
 from hri_predict.lab.training import loop
-from hri_predict.lab.training.checkpoint import load_checkpoint, save_checkpoint
-from hri_predict.lab.training.config import TrainingConfig
-from hri_predict.lab.training.windows.samples import Samples
-from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.network import (
-    Network,
-    NetworkOptions,
-    Shape,
-    last_pose,
-    mpjpe,
-)
 from hri_predict.predictors.neural.weights import read_header
-
-SHAPE = Shape(skeleton=BODY, history_steps=4, horizon_steps=3, rate_hz=25.0)
-
-
-class Options(NetworkOptions):
-    width: int = 8
-    dropout: float = 0.0
-    critic: bool = False
-    blow_up_at: float = 2.0
-
-
-class Small(Network):
-    """One hidden layer over time, the same for every joint and axis."""
-
-    options_model = Options
-    options: Options
-    seen: torch.Tensor
-
-    def __init__(self, shape, options):
-        super().__init__(shape)
-        self.options = options
-        self.layers = nn.Sequential(
-            nn.Linear(shape.history_steps, options.width),
-            nn.Tanh(),
-            nn.Dropout(options.dropout),
-            nn.Linear(options.width, shape.horizon_steps),
-        )
-        self.critic = nn.Linear(shape.horizon_steps, 1) if options.critic else None
-        self.register_buffer("seen", torch.zeros(()))
-
-    def forward(self, window):
-        if self.training:
-            self.seen += 1
-        residual = self.layers((window.positions - last_pose(window)).movedim(1, -1))
-        return last_pose(window) + residual.movedim(-1, 1)
-
-    def losses(self, window, target, progress):
-        scale = float("nan") if progress >= self.options.blow_up_at else 1.0
-        return {"position": scale * mpjpe(self(window), target)}
-
-    def critic_loss(self, window, target, progress):
-        if self.critic is None or progress < 0.5:
-            return None
-        fake = self.critic(self(window).detach().movedim(1, -1))
-        return fake.mean() - self.critic(target.positions.movedim(1, -1)).mean()
-
-    def critic_parameters(self):
-        return iter(()) if self.critic is None else self.critic.parameters()
-
-
-class Walkers:
-    """People who drift at a constant velocity of their own."""
-
-    shape = SHAPE
-    actions: tuple[str, ...] = ("walking", "standing")
-
-    def __init__(self, validates=True):
-        self._validates = validates
-
-    def rest(self):
-        return torch.linspace(0, 1, 84).view(28, 3)
-
-    def batch(self, rng, size):
-        steps = np.arange(SHAPE.history_steps + SHAPE.horizon_steps)[:, None, None]
-        actions = rng.integers(0, 2, size)
-        start = rng.normal(size=(size, 1, 28, 3))
-        velocity = rng.normal(size=(size, 1, 1, 3)) * 0.05 * (actions == 0)[:, None, None, None]
-        positions = torch.from_numpy(start + velocity * steps).float()
-        seen = torch.from_numpy(rng.random((size, 7, 28)) < 0.9)
-        past = SHAPE.history_steps
-        return Samples(
-            history=positions[:, :past],
-            observed=seen[:, :past],
-            future=positions[:, past:],
-            known=seen[:, past:],
-            actions=torch.from_numpy(actions),
-        )
-
-    def validation(self):
-        rng = np.random.default_rng(99)
-        yield from (self.batch(rng, 32) for _ in range(2 if self._validates else 0))
-
-
-class Watcher:
-    def __init__(self):
-        self.start = None
-        self.losses = []
-        self.epochs = []
-
-    def started(self, step, total_steps):
-        self.start = (step, total_steps)
-
-    def stepped(self, step, loss):
-        self.losses.append(loss)
-
-    def ended_epoch(self, epoch):
-        self.epochs.append(epoch)
-
-
-def make_config(out, options=None, **train):
-    settings = {"epochs": 4, "windows_per_epoch": 64, "batch": 16, "learning_rate": 0.02,
-                "warmup": 0.05}  # fmt: skip
-    return TrainingConfig.model_validate(
-        {
-            "predictor": "small", "judgement": "real", "out": out, "options": options or {},
-            "shape": {"history_steps": 4, "horizon_steps": 3}, "train": settings | train,
-        }
-    )  # fmt: skip
-
-
-def run(out, options=None, resume=False, source=None, stop=None, **train):
-    config = make_config(out, options, **train)
-    source, view = source or Walkers(), Watcher()
-    torch.manual_seed(config.train.seed)
-    network = Small(SHAPE, Options(**config.options))
-    network.rest.copy_(source.rest())
-    more = {} if stop is None else {"stop": stop}
-    result = loop.Run(config, source, network, view, **more).go(resume)
-    return network, result, view
-
-
-def same(a, b):
-    return all(torch.equal(x, y) for x, y in zip(a.values(), b.values(), strict=True))
-
-
-def checkpoint(out):
-    return load_checkpoint(out / "last.pt")
+from tests.hri_predict.lab.training import small_run
+from tests.hri_predict.lab.training.small_run import (
+    SHAPE,
+    Options,
+    Small,
+    Walkers,
+    Watcher,
+    checkpoint,
+    make_config,
+    run,
+    same,
+)
 
 
 def test_it_learns_and_reports_validation_of_the_exported_weights(tmp_path):
@@ -361,7 +233,7 @@ def test_two_processes_go_one_process_s_way(tmp_path):
         [
             sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2",
             "--master-addr", "127.0.0.1", "--master-port", "0", "--rdzv-backend", "c10d",
-            "--rdzv-endpoint", "127.0.0.1:0", str(script), __file__, str(tmp_path / "two"),
+            "--rdzv-endpoint", "127.0.0.1:0", str(script), small_run.__file__, str(tmp_path / "two"),
         ],
         env=os.environ | {"OMP_NUM_THREADS": "1"}, capture_output=True, text=True, timeout=120,
         check=False,
@@ -400,112 +272,3 @@ def test_every_loss_has_its_name_in_the_epochs(tmp_path):
     assert first.losses.keys() == {"position", "loss"}
     assert last.losses.keys() == {"position", "critic", "loss"}
     assert last.losses["loss"] == pytest.approx(last.losses["position"])
-
-
-def changed(**values):
-    """Return a change of the progress in a checkpoint."""
-
-    def change(state):
-        state["progress"] = json.dumps(json.loads(state["progress"]) | values)
-
-    return change
-
-
-def numpy_state(value):
-    def change(state):
-        told = json.loads(state["numpy"])
-        told["state"]["state"] = value
-        state["numpy"] = json.dumps(told)
-
-    return change
-
-
-def moments(edit):
-    return lambda state: [edit(each) for each in state["optimisation"]["adam"]["state"].values()]
-
-
-DAMAGE = {
-    "step -5": (changed(step=-5), "progress.step: "),
-    "step 1.5": (changed(step=1.5), "progress.step: "),
-    "step true": (changed(step=True), "progress.step: "),
-    "step text": (changed(step="4"), "progress.step: "),
-    "step beyond the end": (changed(step=10**12), "beyond the last step, 16"),
-    "losses null": (changed(losses=None), "progress.losses: "),
-    "losses a list": (changed(losses=[1.0]), "progress.losses: "),
-    "losses of text": (changed(losses={"loss": "a"}), "progress.losses.loss: "),
-    "losses NaN": (changed(losses={"loss": float("nan")}), "progress.losses.loss: "),
-    "seconds": (changed(seconds="a"), "progress.seconds: "),
-    "seconds infinite": (changed(seconds=float("inf")), "progress.seconds: "),
-    "best null": (changed(best_mm=None), "progress.best_mm: "),
-    "best text": (changed(best_mm="a"), "progress.best_mm: "),
-    "best NaN": (changed(best_mm=float("nan")), "progress.best_mm: "),
-    "best epoch": (changed(best_epoch=7), "its best epoch is beyond the 2"),
-    "unknown key": (changed(mood=1), "progress.mood: "),
-    "progress a list": (lambda s: s.update(progress="[]"), "progress: "),
-    "progress no JSON": (lambda s: s.update(progress="{"), "holds no progress"),
-    "progress gone": (lambda s: s.pop("progress"), "holds no progress"),
-    "numpy large": (numpy_state(10**60), "or is damaged"),
-    "numpy negative": (numpy_state(-1), "or is damaged"),
-    "numpy text": (lambda s: s.update(numpy="null"), "or is damaged"),
-    "adam None": (lambda s: s["optimisation"].update(adam=None), "or is damaged"),
-    "adam text": (lambda s: s["optimisation"].update(adam="a"), "or is damaged"),
-    "adam a number": (lambda s: s["optimisation"].update(adam=3), "or is damaged"),
-    "adam's rate": (
-        lambda s: s["optimisation"]["adam"]["param_groups"][0].update(full_lr="fast"),
-        "or is damaged",
-    ),
-    "adam's shapes": (moments(lambda m: m.update(exp_avg=torch.ones(7, 7, 7))), "or is damaged"),
-    "adam's numbers": (
-        moments(lambda m: m["exp_avg"].fill_(float("nan"))),
-        "or is damaged",
-    ),
-    "weights": (
-        lambda s: s["optimisation"]["network"]["layers.0.bias"].fill_(float("nan")),
-        "or is damaged",
-    ),
-    "torch": (lambda s: s.update(torch=[3]), "or is damaged"),
-    "config": (lambda s: s.update(config="[]"), "or is damaged"),
-}
-
-
-@pytest.mark.parametrize(("change", "said"), DAMAGE.values(), ids=DAMAGE)
-def test_a_readable_checkpoint_with_wrong_content_is_refused_in_one_line(tmp_path, change, said):
-    run(tmp_path, stop_after=2)
-    state = checkpoint(tmp_path)
-    change(state)
-    save_checkpoint(tmp_path / "last.pt", state)
-    with pytest.raises(ConfigError) as error:
-        run(tmp_path, resume=True)
-    line = str(error.value)
-    assert line.startswith(f"checkpoint {tmp_path / 'last.pt'}: ")
-    assert said in line
-    assert line.endswith("with another --out")
-    assert "\n" not in line
-
-
-@pytest.mark.parametrize("stop_after", [2, 4])
-def test_best_weights_that_are_gone_or_damaged_are_named_with_a_remedy(tmp_path, stop_after):
-    path = run(tmp_path, stop_after=stop_after)[1].weights
-    whole = path.read_bytes()
-    remedy = "put the file back, or start the run again with another --out$"
-    for data, said in (
-        (None, "are missing"),
-        (whole[:-1] + bytes([whole[-1] ^ 1]), "are damaged or were replaced"),
-        (whole[:20], "cannot be read"),
-    ):
-        path.unlink(missing_ok=True)
-        if data is not None:
-            path.write_bytes(data)
-        with pytest.raises(ConfigError, match=rf"^weights .*, {said}; {remedy}"):
-            run(tmp_path, resume=True)
-    path.write_bytes(whole)
-    assert run(tmp_path, resume=True)[1].ending == "epochs done"
-
-
-def test_weights_newer_than_the_checkpoint_are_those_of_a_crash_between_the_two(tmp_path):
-    run(tmp_path, stop_after=1)
-    before = (tmp_path / "last.pt").read_bytes()
-    result = run(tmp_path, stop_after=2, resume=True)[1]
-    assert result.best_epoch == 2
-    (tmp_path / "last.pt").write_bytes(before)
-    assert run(tmp_path, resume=True)[1].ending == "epochs done"
