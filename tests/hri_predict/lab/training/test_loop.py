@@ -233,7 +233,8 @@ def test_two_processes_go_one_process_s_way(tmp_path):
         [
             sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2",
             "--master-addr", "127.0.0.1", "--master-port", "0", "--rdzv-backend", "c10d",
-            "--rdzv-endpoint", "127.0.0.1:0", str(script), small_run.__file__, str(tmp_path / "two"),
+            "--rdzv-endpoint", "127.0.0.1:0", str(script), small_run.__file__,
+            str(tmp_path / "two"),
         ],
         env=os.environ | {"OMP_NUM_THREADS": "1"}, capture_output=True, text=True, timeout=120,
         check=False,
