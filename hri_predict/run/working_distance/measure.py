@@ -354,11 +354,12 @@ def known_path(config: Config, model: RobotModel, index: int) -> Trajectory | No
     """Return the path that a robot follows, from its configuration or its simulated drive."""
     robot = config.node.robots[index]
     file = getattr(robot.motion, "plan", None) or getattr(robot.motion, "file", None)
-    for link in config.links:
+    key = f"robots.{index}.motion.plan"
+    for number, link in enumerate(config.links):
         simulate = link.simulate or {}
         if file is None and simulate.get("robot") == robot.name:
-            file = simulate.get("trajectory")
-    return None if file is None else load_trajectory(file, model, config.base_dir)
+            file, key = simulate.get("trajectory"), f"links.{number}.simulate.trajectory"
+    return None if file is None else load_trajectory(file, model, config.base_dir, key)
 
 
 def _ahead_rad(model: RobotModel, path: Trajectory) -> float:
