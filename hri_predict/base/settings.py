@@ -320,7 +320,7 @@ def _hint(found: ErrorDetails, unit: str) -> str:
         number = float(found["input"])
     except OverflowError:  # an integer beyond all floats, in no unit
         return ""
-    hint = meant(number, unit)
+    hint = meant(number, unit, -greatest if number < 0 else -math.inf, greatest)
     return f"; {hint}" if hint else ""
 
 

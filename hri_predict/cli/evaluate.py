@@ -147,7 +147,7 @@ def evaluate(
             data=data,
             asked=asked,
             split=split,
-            future_steps=_steps(horizon or 1),
+            future_steps=_steps(1.0 if horizon is None else horizon),
             changes=changes or (),
             joint_map=joint_map,
             disturb=disturb,

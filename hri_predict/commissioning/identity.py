@@ -18,6 +18,7 @@ from typing import Any
 from pydantic import JsonValue
 
 from hri_predict import __version__
+from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
 from hri_predict.base.settings import Settings
 from hri_predict.contracts import registry
@@ -63,6 +64,13 @@ def dependencies(config: Config, flat: Mapping[str, Any]) -> dict[str, Path]:
     return found
 
 
+def _trajectory(key: str, name: str, base_dir: Path | None) -> tuple[str, Path]:
+    try:
+        return key, trajectory_path(name, base_dir)
+    except ConfigError as error:
+        raise ConfigError(f"{key}: {error}") from error
+
+
 def _known(config: Config) -> Iterator[tuple[str, Path]]:
     """Return the files that are not found by a path relative to the configuration."""
     base_dir = config.base_dir
@@ -71,11 +79,11 @@ def _known(config: Config) -> Iterator[tuple[str, Path]]:
         for key in ("plan", "file"):
             name = getattr(robot.motion, key, None)
             if name is not None:
-                yield f"robots.{escaped(robot.name)}.motion.{key}", trajectory_path(name, base_dir)
+                yield _trajectory(f"robots.{escaped(robot.name)}.motion.{key}", name, base_dir)
     for link in config.links:
         name = (link.simulate or {}).get("trajectory")
         if isinstance(name, str):
-            yield f"links.{escaped(link.name)}.simulate.trajectory", trajectory_path(name, base_dir)
+            yield _trajectory(f"links.{escaped(link.name)}.simulate.trajectory", name, base_dir)
     for i, path in enumerate(config.predictor.resolved(base_dir).files()):
         yield f"predictor.weights{f'.{i}' if i else ''}", path
     if config.node.risk.uses_forecasts:

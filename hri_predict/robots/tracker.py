@@ -380,7 +380,7 @@ class RobotTracker:
         return self._place_s
 
     def _planned(self, file: str, base_dir: Path | None) -> Plan:
-        trajectory = load_trajectory(file, self.model, base_dir)
+        trajectory = load_trajectory(file, self.model, base_dir, "robots: motion.plan")
         peak = trajectory.peak_tip_speed(self.model)
         if peak > self.settings.max_speed_m_s:
             raise RobotError(

@@ -113,28 +113,32 @@ class Trajectory:
         return float(np.max(model.tip_speed(q, qd)))
 
 
-def load_trajectory(file: str, model: RobotModel, base_dir: Path | None) -> Trajectory:
+def load_trajectory(
+    file: str, model: RobotModel, base_dir: Path | None, key: str = ""
+) -> Trajectory:
     """Read a trajectory by a shipped name ("pick_and_place") or the path of a YAML file.
 
     Args:
         file: a name under ``configs/trajectories``, or a path ending in .yaml.
         model: the robot that will follow it.
         base_dir: base of relative paths.
+        key: the key that names it, for the message.
 
     Raises:
         RobotError: it is unreadable, has a wrong joint count, exceeds the joints' limits, or is
             not cyclic.
     """
-    path = trajectory_path(file, base_dir)
+    where = f"{key}: " if key else ""
     try:
+        path = trajectory_path(file, base_dir)
         data = validated(
             TrajectoryFile, read_yaml(path, "trajectory file"), f"trajectory file {path}"
         )
     except ConfigError as error:
-        raise RobotError(str(error)) from error
+        raise RobotError(f"{where}{error}") from error
     problem = _problem(data.waypoints, model)
     if problem:
-        raise RobotError(f"trajectory file {path}: {problem}")
+        raise RobotError(f"{where}trajectory file {path}: {problem}")
     times = np.array([w.time_s for w in data.waypoints])
     return Trajectory(times, np.array([w.coordinates for w in data.waypoints]))
 

@@ -41,6 +41,7 @@ from hri_predict.zones.input_noise import NoiseGrowth
 from hri_predict.zones.learned_scale import ScaleNetwork
 from hri_predict.zones.motion_class import SPEED_CLASSES, trunk_joints
 from hri_predict.zones.motion_ranges import MAX_RATIO_SHORT, MAX_SPEED_M_S, MotionRanges
+from hri_predict.zones.plausible import demand_radii, demand_scale, demand_shares
 from hri_predict.zones.predictor_identity import identity
 from hri_predict.zones.scale_shape import ScaleShape
 from hri_predict.zones.settings import LEVELS, CoverageSettings
@@ -295,9 +296,6 @@ def _unpacked(file: CalibrationFile) -> Calibration:
     guaranteed = {of: _table(file.guaranteed_mm[of], shape) for of in OFS}
     rows = file.limits_mm
     limits = None if rows is None else {of: _table(rows[of], shape) for of in OFS}
-    rising = [*guaranteed.values(), *(limits or {}).values()]
-    if not all((table[..., 1:] >= table[..., :-1]).all() for table in rising):
-        raise ValueError("a radius shrinks with the horizon")
     toward = None
     if file.toward_thousandths is not None:
         try:
@@ -306,14 +304,20 @@ def _unpacked(file: CalibrationFile) -> Calibration:
             raise ValueError("toward_thousandths has rows of different lengths") from None
         if toward.shape != (*classes, file.steps, BINS):
             raise ValueError(f"toward_thousandths has the shape {toward.shape}")
+        demand_shares(toward)
+    for name, tables in {"guaranteed_mm": guaranteed, "limits_mm": limits or {}}.items():
+        demand_radii(name, tables.values(), file.rate_hz)
+    scale = ScaleNetwork.of_json(file.scale)
+    shaped = None if file.shape is None else ScaleShape.of_json(file.shape, file.steps)
+    demand_scale(scale, shaped, np.minimum(factors["joint"], factors["body"]), file.rate_hz)
     return Calibration(
         predictor=file.predictor,
         settings=file.settings,
         weights=file.weights,
         rate_hz=file.rate_hz,
         joints=tuple(file.joints),
-        scale=ScaleNetwork.of_json(file.scale),
-        shape=None if file.shape is None else ScaleShape.of_json(file.shape, file.steps),
+        scale=scale,
+        shape=shaped,
         estimated=factors,
         limits=limits,
         toward=toward,

@@ -1,7 +1,13 @@
-"""A training run's state on disk: written whole or not at all, read without unpickling code."""
+"""A training run's state on disk: written whole or not at all, read without unpickling code.
+
+The file is one line with the SHA-256 of the rest, and what ``torch.save`` wrote. Torch reads a file
+with flipped bits without complaint, and the run would continue with wrong weights.
+"""
 
 import contextlib
 import errno
+import hashlib
+import io
 import os
 from pathlib import Path
 from typing import Any
@@ -10,6 +16,8 @@ import torch
 
 from hri_predict.base.errors import ConfigError
 
+_MARK = b"hri-predict checkpoint 2 "
+_REMEDY = "remove it and start the run again"
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -24,8 +32,10 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
     part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        payload = io.BytesIO()
+        torch.save(state, payload)
         with part.open("wb") as file:
-            torch.save(state, file)
+            file.write(sealed(payload.getbuffer()))
             file.flush()
             os.fsync(file.fileno())
         os.replace(part, path)
@@ -46,18 +56,45 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     """Read a checkpoint that ``save_checkpoint`` wrote.
 
     Raises:
-        ConfigError: the file is missing, damaged, or holds anything but plain data.
+        ConfigError: the file is missing, damaged (the checksum does not agree), or holds anything
+            but plain data.
     """
     try:
-        state = torch.load(path, map_location="cpu", weights_only=True)
+        payload = _unsealed(path, path.read_bytes())
+        state = torch.load(io.BytesIO(payload), map_location="cpu", weights_only=True)
     except FileNotFoundError as error:
         raise ConfigError(
             f"checkpoint {path}: no such file; start the run without --resume"
         ) from error
+    except ConfigError:
+        raise
     except Exception as error:  # torch.load's failures have no common base
-        raise ConfigError(
-            f"checkpoint {path}: cannot be read; remove it and start the run again"
-        ) from error
+        raise ConfigError(f"checkpoint {path}: cannot be read; {_REMEDY}") from error
     if not isinstance(state, dict):
         raise ConfigError(f"checkpoint {path}: not from a training run; start the run again")
     return state
+
+
+def sealed(payload: bytes | memoryview) -> bytes:
+    """Return a checkpoint's bytes: the checksum, and then the payload."""
+    return b"".join((_MARK, hashlib.sha256(payload).hexdigest().encode(), b"\n", payload))
+
+
+def _unsealed(path: Path, data: bytes) -> bytes:
+    """Return the payload of a checkpoint.
+
+    Raises:
+        ConfigError: it is not what was written.
+    """
+    head, _, payload = data.partition(b"\n")
+    if not head.startswith(_MARK):
+        raise ConfigError(
+            f"checkpoint {path}: has no checksum, so it is damaged or of an older version; "
+            f"{_REMEDY}"
+        )
+    if head.removeprefix(_MARK) != hashlib.sha256(payload).hexdigest().encode():
+        raise ConfigError(
+            f"checkpoint {path}: is damaged (its checksum does not agree); restore it from a "
+            f"backup, or {_REMEDY}"
+        )
+    return payload

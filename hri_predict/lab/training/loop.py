@@ -6,7 +6,7 @@ import os
 import subprocess
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -14,11 +14,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, HriPredictError
 from hri_predict.lab.training.checkpoint import load_checkpoint, save_checkpoint
 from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.processes import Processes
+from hri_predict.lab.training.progress import (
+    Progress,
+    demand_best_weights,
+    digest_of,
+    read_progress,
+)
 from hri_predict.lab.training.teachers import Teachers
 from hri_predict.lab.training.validation import Validation, validate
 from hri_predict.lab.training.windows.samples import SampleSource
@@ -101,20 +107,6 @@ class RunObserver(Protocol):
         """An epoch is over."""
 
 
-@dataclass(slots=True, kw_only=True)
-class _Progress:
-    """State of the run's progress; stored in each checkpoint as JSON."""
-
-    step: int = 0
-    losses: dict[str, float] = field(default_factory=dict)  # sums over the epoch's steps so far
-    seconds: float = 0.0
-    total_steps: float = 0.0  # at which the schedule ends; 0: that of the settings
-    best_mm: float = float("inf")
-    best_epoch: int = 0
-    stale: int = 0  # epochs since the best
-    best: dict[str, Any] | None = field(default=None)
-
-
 class Run:
     """Trains ``network`` on ``source`` as ``config`` says, into the folder ``config.out``.
 
@@ -159,7 +151,7 @@ class Run:
         self.optimisation = Optimisation(network.to(_device(config)), config.train, processes)
         self.rng = np.random.default_rng(config.train.seed)
         torch.manual_seed(config.train.seed + processes.rank)  # dropout differs between processes
-        self.progress = _Progress()
+        self.progress = Progress()
         self.fingerprint = fingerprint(source)
         self.commit = commit()  # read now: somebody may commit during the run
         self.weights = config.out / f"{config.predictor}.safetensors"
@@ -307,6 +299,7 @@ class Run:
                 "validation": self.progress.best,
             }
             save_weights(self.weights, self.config.predictor, network, card)
+            self.progress.weights = digest_of(self.weights)
 
     def _save_is_due(self) -> bool:
         due = time.monotonic() - self._saved >= 60.0 * self.settings.checkpoint_minutes
@@ -319,7 +312,7 @@ class Run:
         state = {
             "config": self.config.model_dump_json(),
             "data_fingerprint": self.fingerprint,
-            "progress": json.dumps(asdict(self.progress)),
+            "progress": json.dumps(self.progress.model_dump()),
             "optimisation": self.optimisation.state(),
             "numpy": json.dumps(self.rng.bit_generator.state),
             "torch": self.processes.every(torch.get_rng_state()),
@@ -335,16 +328,19 @@ class Run:
         try:
             was = TrainingConfig.model_validate_json(state["config"])
             self._refuse_another(path, was, state["data_fingerprint"])
-            self.progress = _Progress(**json.loads(state["progress"]))
+            self.progress = read_progress(path, state, self.settings)
+            demand_best_weights(self.weights, self.progress)
             self.optimisation.restore(state["optimisation"], self.progress.step)
             self.rng.bit_generator.state = json.loads(state["numpy"])
             if self.settings.device == "cuda":
                 torch.cuda.set_rng_state(state["cuda"])
             torch.set_rng_state(state["torch"][self.processes.rank])
-        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
+        except HriPredictError:
+            raise
+        except Exception as error:  # torch's and numpy's failures have no common base
             raise ConfigError(
-                f"checkpoint {path}: has another network, version or number of processes; start "
-                "a new run with another --out"
+                f"checkpoint {path}: has another network, version or number of processes, or is "
+                "damaged; start a new run with another --out"
             ) from error
 
     def _refuse_another(self, path: Path, was: TrainingConfig, fingerprint: str) -> None:

@@ -151,14 +151,39 @@ class Optimisation:
         }
 
     def restore(self, state: dict[str, Any], number: int) -> None:
-        """Continue from the ``state`` saved after ``number`` steps."""
+        """Continue from the ``state`` saved after ``number`` steps.
+
+        Raises:
+            ValueError: it does not fit this network and these settings, or is not finite. Other
+                errors come from torch.
+        """
         self.averaged.load_state_dict(state["averaged"])
         self.network.load_state_dict(state["network"])
-        self._adam.load_state_dict(state["adam"])
+        if not all(bool(t.isfinite().all()) for t in self.network.state_dict().values()):
+            raise ValueError("a weight is not finite")
+        _restore(self._adam, state["adam"])
         if self._critic_adam is not None:
-            self._critic_adam.load_state_dict(state["critic_adam"])
+            _restore(self._critic_adam, state["critic_adam"])
         if self._average is not None:
             self._average.n_averaged.fill_(number + 1)
+
+
+def _restore(adam: torch.optim.Optimizer, state: dict[str, Any]) -> None:
+    """Load an optimiser's state; torch checks neither its settings nor the shapes.
+
+    Raises:
+        ValueError: it is the state of another optimiser, or damaged.
+    """
+    own = adam.state_dict()["param_groups"]
+    for ours, theirs in zip(own, state["param_groups"], strict=True):
+        if ours | {"lr": 0.0} != theirs | {"lr": 0.0}:  # the schedule sets it at each step
+            raise ValueError("an optimiser has other settings")
+    adam.load_state_dict(state)
+    for parameter, moments in adam.state.items():
+        for value in moments.values():
+            fits = value.dim() == 0 or value.shape == parameter.shape
+            if not fits or not bool(value.isfinite().all()):
+                raise ValueError("an optimiser's state does not fit its network")
 
 
 def learning_rate_factor(number: int, settings: TrainSettings, progress: float) -> float:

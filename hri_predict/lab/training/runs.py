@@ -1,6 +1,5 @@
 """Whole training runs: one, or all of a plan in order, each resumed where it was interrupted."""
 
-import json
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -22,6 +21,7 @@ from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.loop import Epoch, Result, Run
 from hri_predict.lab.training.parts import part
 from hri_predict.lab.training.processes import Processes
+from hri_predict.lab.training.progress import read_progress
 from hri_predict.lab.training.windows.samples import SampleSource, SampleSourceClass
 from hri_predict.predictors.neural.network import (
     Network,
@@ -68,8 +68,8 @@ def state(config: TrainingConfig) -> str:
     """The state of its run: ``new``, a percentage, or ``done``."""
     if not begun(config):
         return "new"
-    step = json.loads(load_checkpoint(config.out / "last.pt")["progress"])["step"]
-    train = config.train
+    path, train = config.out / "last.pt", config.train
+    step = read_progress(path, load_checkpoint(path), train).step
     until = min(train.stop_after or train.epochs, train.epochs) * train.steps_per_epoch
     return "done" if step >= until else f"{100 * step // until} %"
 

@@ -273,14 +273,17 @@ class Measure:
     ) -> float | None:
         """Return the working distance in metres, to ``step``; ``None`` if above ``FARTHEST_M``.
 
-        The search starts between ``low`` and ``high``.
+        The search starts between ``low`` and ``high``, which may be equal or swapped: it moves on
+        by at least ``step`` each time and never leaves ``NEAREST_M`` to ``FARTHEST_M``, so it ends.
         """
+        low = min(max(low, NEAREST_M), FARTHEST_M)
+        high = min(max(high, low + step), FARTHEST_M)
         while not self.works(high):
             if high >= FARTHEST_M:
                 return None
-            low, high = high, min(FARTHEST_M, high + 2 * (high - low))
+            low, high = high, min(FARTHEST_M, high + max(step, 2 * (high - low)))
         while low > NEAREST_M and self.works(low):
-            low, high = max(NEAREST_M, low - 2 * (high - low)), low
+            low, high = max(NEAREST_M, low - max(step, 2 * (high - low))), low
         while high - low > step:
             middle = 0.5 * (low + high)
             low, high = (low, middle) if self.works(middle) else (middle, high)
@@ -357,11 +360,12 @@ def known_path(config: Config, model: RobotModel, index: int) -> Trajectory | No
     """Return the path that a robot follows, from its configuration or its simulated drive."""
     robot = config.node.robots[index]
     file = getattr(robot.motion, "plan", None) or getattr(robot.motion, "file", None)
-    for link in config.links:
+    key = f"robots.{index}.motion.plan"
+    for number, link in enumerate(config.links):
         simulate = link.simulate or {}
         if file is None and simulate.get("robot") == robot.name:
-            file = simulate.get("trajectory")
-    return None if file is None else load_trajectory(file, model, config.base_dir)
+            file, key = simulate.get("trajectory"), f"links.{number}.simulate.trajectory"
+    return None if file is None else load_trajectory(file, model, config.base_dir, key)
 
 
 def _ahead_rad(model: RobotModel, path: Trajectory) -> float:

@@ -145,17 +145,18 @@ def waterfall(
     if total_m is None:
         return Waterfall(total_m=None, costs_m={}, rest_m=0.0)
     keys = [t.key for t in TERMS if t.key not in leaves and cells.counts(t.key)]
-    rest_m = cells.measure(keys).distance_m(low=total_m / 2, high=total_m, step=step) or total_m
+    found_m = cells.measure(keys).distance_m(low=total_m / 2, high=total_m, step=step)
+    rest_m = total_m if found_m is None else min(found_m, total_m)
     costs_m = {term.key: 0.0 for term in TERMS}
     for order in (keys, keys[::-1]):
         before_m = total_m
         for i, key in enumerate(order, start=1):
             after_m: float | None = rest_m
-            if i < len(order):
+            if i < len(order) and before_m > rest_m:  # otherwise no term is left that costs much
                 near_m = max(rest_m, before_m - NEXT_M)
                 measure = cells.measure(order[:i])
                 after_m = measure.distance_m(low=near_m, high=before_m, step=step)
-            after_m = FARTHEST_M if after_m is None else after_m
+            after_m = FARTHEST_M if after_m is None else max(after_m, rest_m)
             costs_m[key] += (before_m - after_m) / 2
             before_m = after_m
     return Waterfall(total_m=total_m, costs_m=costs_m, rest_m=rest_m)

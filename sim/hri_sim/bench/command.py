@@ -104,7 +104,8 @@ def bench(
 ) -> None:
     """Measure the node: its parts, forecasts, age, jitter, load, scaling, start and speed.
 
-    Exit status 1: with --baseline, something got worse by more than --worse-than times.
+    Exit status 1: with --baseline, something got worse by more than --worse-than times; 2: nothing
+    could be compared.
 
     Example: hri-predict bench --quick --save before.json
     """
@@ -126,12 +127,15 @@ def bench(
     for flag, path in (("--save", save), ("--plot", plot)):
         if path is not None:
             saved.check(flag, path)
-    before = None if baseline is None else saved.read(baseline)
+    whole = [name for name, section in SECTIONS.items() if not section.detail]
+    chosen = [name for name in SECTIONS if name in (only or whole)]
+    before = None
+    if baseline is not None:
+        before = saved.read(baseline)
+        saved.demand_comparable(baseline, before[1], chosen)
     machine = saved.machine()
     if busy := saved.busy(machine["load_average"]):
         warn(busy)
-    whole = [name for name, section in SECTIONS.items() if not section.detail]
-    chosen = [name for name in SECTIONS if name in (only or whole)]
     told = _measured(chosen, QUICK if quick else Scope(), machine, save)
     if plot is not None:
         plots.plot(plot, told, saved.described(machine))
@@ -151,6 +155,9 @@ def bench(
         tell(written)
     if any(change.verdict == "worse" for change in changes):
         raise typer.Exit(1)
+    if before is not None and not any(change.compares for change in changes):
+        warn(f"--baseline {baseline}: nothing could be compared; create another with bench --save")
+        raise typer.Exit(2)
 
 
 def _factor(baseline: Path | None, worse_than: float | None) -> float:

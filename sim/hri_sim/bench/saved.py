@@ -2,6 +2,7 @@
 
 import errno
 import json
+import math
 import os
 import platform
 import tempfile
@@ -34,7 +35,8 @@ class Change:
     Attributes:
         section, part: names of the section and of the part.
         p50, p99: ratio of new to old; ``None`` where one of them is missing.
-        verdict: ``worse``, ``better``, ``as before``, ``new``, or ``gone``.
+        verdict: ``worse``, ``better``, ``as before``; ``new``, ``gone`` or ``not compared``.
+        why: the reason why it was not compared.
     """
 
     section: str
@@ -42,6 +44,12 @@ class Change:
     verdict: str
     p50: float | None = None
     p99: float | None = None
+    why: str = ""
+
+    @property
+    def compares(self) -> bool:
+        """Whether both runs have a figure, and their ratio means something."""
+        return self.verdict in ("worse", "better", "as before")
 
 
 def as_json(machine: Mapping[str, Any], sections: Sections) -> dict[str, Any]:
@@ -85,7 +93,17 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
             raise ValueError(told["format"])
         sections = TypeAdapter(dict[str, list[Row]]).validate_python(told["sections"])
         machine = dict(told["machine"])
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        yardstick = machine.get("yardstick_us")
+        if yardstick is not None and not 0 < float(yardstick) < float("inf"):
+            raise ValueError(f"yardstick_us {yardstick}")
+    except (
+        OverflowError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+    ) as error:
         raise ConfigError(
             f"--baseline {path}: not a bench of this version ({FORMAT}); {_REMEDY}"
         ) from error
@@ -113,8 +131,10 @@ def _change(section: str, old: Row | None, row: Row, factor: float) -> Change:
     p50, p99 = _ratio(old.p50, row.p50), _ratio(old.p99, row.p99)
     worse = [1.0 / r if row.more_is_better else r for r in (p50, p99) if r is not None]
     if row.p50 is None and old.p50 is not None:
-        verdict = "gone"
-    elif any(r > factor for r in worse):
+        return Change(section=section, part=row.part, verdict="gone", why=row.note)
+    if why := _incomparable(old, row):
+        return Change(section=section, part=row.part, verdict="not compared", why=why)
+    if any(r > factor for r in worse):
         verdict = "worse"
     elif any(r < 1.0 / factor for r in worse):
         verdict = "better"
@@ -123,9 +143,46 @@ def _change(section: str, old: Row | None, row: Row, factor: float) -> Change:
     return Change(section=section, part=row.part, p50=p50, p99=p99, verdict=verdict)
 
 
+def _incomparable(old: Row, row: Row) -> str:
+    """Return why two rows cannot be compared; "" if they can."""
+    if old.unit != row.unit:
+        return f"the baseline is in {old.unit or 'no unit'}, not in {row.unit or 'no unit'}"
+    if old.more_is_better != row.more_is_better:
+        return "the baseline has the other direction as the better one"
+    if old.p50 is None and row.p50 is None and old.p99 is None and row.p99 is None:
+        return "without a figure"
+    for name in ("p50", "p99"):
+        before, now = getattr(old, name), getattr(row, name)
+        if (before is None) != (now is None):
+            return f"the {'baseline' if before is None else 'new run'} has no {name}"
+        if before is not None and _ratio(before, now) is None:
+            return f"{name} {before:g}, now {now:g}: their ratio means nothing"
+    return ""
+
+
 def _ratio(old: float | None, new: float | None) -> float | None:
     """Return the ratio of new to old; ``None`` where it is meaningless."""
-    return new / old if old and new and old > 0 and new > 0 else None
+    if old is None or new is None or not (math.isfinite(old) and math.isfinite(new)):
+        return None
+    if old == new == 0:
+        return 1.0
+    ratio = new / old if old > 0 and new > 0 else 0.0
+    return ratio if 0 < ratio < math.inf else None
+
+
+def demand_comparable(path: Path, before: Sections, chosen: Sequence[str]) -> None:
+    """Check that a baseline has a figure of a chosen section, before anything is measured.
+
+    Raises:
+        ConfigError: it has none.
+    """
+    rows = [row for name in chosen for row in before.get(name, ())]
+    if not any(_ratio(row.p50, row.p50) is not None for row in rows):
+        had = ", ".join(name for name, found in before.items() if found) or "none"
+        raise ConfigError(
+            f"--baseline {path}: has no figure to compare with {', '.join(chosen)} (its sections: "
+            f"{had}); choose one of them with --only, or {_REMEDY}"
+        )
 
 
 def other_machine(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
@@ -134,8 +191,8 @@ def other_machine(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator
         if before.get(key) != now.get(key):
             yield f"the earlier run had another {key}: {before.get(key)}, now {now.get(key)}"
     old = before.get("yardstick_us")
-    if isinstance(old, int | float) and old > 0:
-        ratio = now["yardstick_us"] / old
+    if old is not None:  # ``read`` has checked it
+        ratio = now["yardstick_us"] / float(old)
         yield (
             f"the machine itself: a fixed workload takes {ratio:.2f} times as long as in the "
             "earlier run"

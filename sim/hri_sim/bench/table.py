@@ -116,19 +116,24 @@ def show(console: Console, about: str, rows: Sequence[Row]) -> None:
 
 
 def show_changes(console: Console, changes: Sequence[Change], factor: float) -> None:
-    """Print the ratios of a comparison, and the figures that got worse."""
+    """Print the ratios of a comparison, what got worse, and what was not compared."""
     table = _table("Ratio of new to old", ("p50", "p99"), False)
     for change in changes:
         ratios = ("" if r is None else f"{r:.2f}" for r in (change.p50, change.p99))
         table.add_row(f"{change.section}: {change.part}", change.verdict, *ratios)
     console.print(table)
+    compared = [c for c in changes if c.compares]
     worse = [f"{c.section}: {c.part}" for c in changes if c.verdict == "worse"]
     if worse:
-        told = f"{len(worse)} of {len(changes)} got worse by more than {factor:g} times:"
+        told = f"{len(worse)} of {len(compared)} got worse by more than {factor:g} times:"
         console.print("\n  ".join((told, *worse)), markup=False, highlight=False)
-    else:
-        told = f"nothing of {len(changes)} got worse by more than {factor:g} times"
+    elif compared:
+        told = f"nothing of {len(compared)} got worse by more than {factor:g} times"
         console.print(told, markup=False, highlight=False)
+    left = [f"{c.section}: {c.part}: {c.why or c.verdict}" for c in changes if not c.compares]
+    if left:
+        told = f"{len(left)} of {len(changes)} were not compared:"
+        console.print("\n  ".join((told, *left)), markup=False, highlight=False)
 
 
 def number(value: float | None) -> str:

@@ -340,7 +340,8 @@ def _only_drive(
 
 def _drive(settings: ControllerSettings, robot: RobotSettings, base_dir: Path | None) -> Drive:
     model = load_robot(robot, base_dir)
-    return Drive(model, load_trajectory(_trajectory_of(settings, robot), model, base_dir))
+    key = f"links: simulate.trajectory (or motion.plan) of robot {robot.name}"
+    return Drive(model, load_trajectory(_trajectory_of(settings, robot), model, base_dir, key))
 
 
 def at_far_end(

@@ -29,9 +29,18 @@ from hri_sim.simulation.motion import PROCEDURAL, Motion, load_motion
 from hri_sim.simulation.request import SimulationReport, SimulationRequest
 from hri_sim.simulation.results.publish import Result, report
 from hri_sim.simulation.results.report import Judged, Row, judged
+from hri_sim.simulation.results.rows import are_of
 from hri_sim.simulation.scenario import draw
 from hri_sim.simulation.store import Store
-from hri_sim.simulation.work import ALONE, SimulationPlan, SourceValue, blocks, episodes, run_block
+from hri_sim.simulation.work import (
+    ALONE,
+    Block,
+    SimulationPlan,
+    SourceValue,
+    blocks,
+    episodes,
+    run_block,
+)
 
 __all__ = ["Result", "report", "run", "simulate"]
 
@@ -65,7 +74,7 @@ def simulate(request: SimulationRequest, progress: Callable[[int, int], None]) -
     demand_use(request.calibrations, settings)
     plan, left_out = _usable(plan, cell, modes)
     store = Store(request.out, _decided_by(plan), request.resume)
-    todo = [block for block in blocks(plan) if block.key not in store.done]
+    todo = _todo(plan, store, [ALONE.name, *(variant.name for variant in modes)])
     total = plan.episodes * len(plan.names)
     done = total - sum(len(episodes(plan, block)) for block in todo)
     progress(done, total)
@@ -76,6 +85,26 @@ def simulate(request: SimulationRequest, progress: Callable[[int, int], None]) -
             done += len(episodes(plan, todo[place]))
             progress(done, total)
     return _result(plan, store, left_out)
+
+
+def _todo(plan: SimulationPlan, store: Store, variants: Sequence[str]) -> list[Block]:
+    """Return the blocks to run: also those whose finished rows are not of their episodes."""
+    todo, foreign = [], []
+    for block in blocks(plan):
+        rows = store.done.get(block.key)
+        if rows is not None and not are_of(rows, episodes(plan, block), variants):
+            foreign.append(block.key)
+            del store.done[block.key]
+            rows = None
+        if rows is None:
+            todo.append(block)
+    if foreign:
+        log.warning(
+            "--resume: block %s holds something other than its episodes (%d in all); run again",
+            foreign[0],
+            len(foreign),
+        )
+    return todo
 
 
 def _plan(request: SimulationRequest) -> SimulationPlan:

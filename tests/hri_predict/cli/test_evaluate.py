@@ -132,6 +132,8 @@ def test_euler_error_is_read_twice(cli, pack):
         (["--predictor", "sinn=w", "--set", "sinn.weights=v"], "give --predictor NAME=WEIGHTS"),
         (["--horizon", "1.9"], "--horizon 1.9: is evaluated to 1, 1.6, 2 s; give one of them"),
         (["--horizon", "nan"], "--horizon nan: is evaluated to 1, 1.6, 2 s"),
+        (["--horizon", "0"], "--horizon 0: is evaluated to 1, 1.6, 2 s; give one of them"),
+        (["--horizon", "-1"], "--horizon -1: is evaluated to 1, 1.6, 2 s; give one of them"),
     ],
 )
 def test_mistakes_end_in_one_line(cli, pack, arguments, told):

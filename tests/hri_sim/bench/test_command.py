@@ -120,3 +120,64 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_measured(
         result = run("--only", "fast", flag, path)
         assert isinstance(result.exception, ConfigError)
         assert "name another file" in str(result.exception)
+
+
+def saved_with(path, **values):
+    """Save a run of two rows, and change the figures of the second, or of both."""
+    run("--only", "fast", "--save", path)
+    told = json.loads(path.read_text(encoding="utf-8"))
+    both = values.pop("both", False)
+    for row in told["sections"]["fast"][0 if both else 1 :]:
+        row.update(values)
+    path.write_text(json.dumps(told), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        ({"p50": 0.0}, "p50 0, now 2: their ratio means nothing"),
+        ({"p50": -1.0}, "p50 -1, now 2: their ratio means nothing"),
+        ({"p99": float("nan")}, "p99 nan, now 4: their ratio means nothing"),
+        ({"unit": "us"}, "the baseline is in us, not in ms"),
+        ({"more_is_better": True}, "the other direction"),
+        ({"part": "part 7"}, "fast: part 1: new"),
+    ],
+)
+def test_what_was_not_compared_is_counted_and_named(tmp_path, values, why):
+    before = tmp_path / "before.json"
+    saved_with(before, **values)
+    done = run("--only", "fast", "--baseline", before)
+    assert done.exit_code == 0, done.output
+    assert "nothing of 1 got worse" in done.stdout
+    assert "were not compared:" in done.stdout
+    assert why in done.stdout
+
+
+def test_a_baseline_with_which_nothing_compares_fails(tmp_path):
+    before = tmp_path / "before.json"
+    saved_with(before, both=True, unit="us")
+    for flags in ((), ("--json",)):
+        done = run("--only", "fast", "--baseline", before, *flags)
+        assert done.exit_code == 2
+        assert "nothing could be compared" in done.stderr
+
+
+def test_a_baseline_of_other_sections_is_refused_before_anything_is_measured(tmp_path, monkeypatch):
+    before = tmp_path / "before.json"
+    run("--only", "fast", "--save", before)
+
+    def never(_scope):
+        raise AssertionError("it was measured")
+        yield
+
+    monkeypatch.setitem(bench.SECTIONS, "broken", Section("never", never))
+    done = run("--only", "broken", "--baseline", before)
+    assert isinstance(done.exception, ConfigError)
+    assert "has no figure to compare with broken (its sections: fast)" in str(done.exception)
+    told = json.loads(before.read_text(encoding="utf-8"))
+    told["machine"]["yardstick_us"] = 10**400
+    before.write_text(json.dumps(told), encoding="utf-8")
+    monkeypatch.setitem(bench.SECTIONS, "fast", Section("never", never))
+    done = run("--only", "fast", "--baseline", before)
+    assert isinstance(done.exception, ConfigError), done.output
+    assert "not a bench of this version" in str(done.exception)

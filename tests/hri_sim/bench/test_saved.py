@@ -35,8 +35,19 @@ def row(p50: float | None, p99: float | None = None, **more) -> Row:
         (None, row(1.0), "new"),
         (row(1.0), None, "gone"),
         (row(1.0), row(None), "gone"),  # no figure, a note why
-        (row(0.0), row(1.0), "as before"),  # no ratio: nothing can be said
-        (row(None), row(None), "as before"),
+        (row(0.0), row(0.0), "as before"),
+        (row(0.0), row(1.0), "not compared"),  # no ratio: nothing can be said
+        (row(-1.0), row(1.0), "not compared"),
+        (row(float("nan")), row(1.0), "not compared"),
+        (row(float("inf")), row(1.0), "not compared"),
+        (row(1e-300), row(1e300), "not compared"),
+        (row(1.0, 0.0), row(1.0, 9.0), "not compared"),  # the tail alone
+        (row(1.0, float("nan")), row(1.0, 9.0), "not compared"),
+        (row(1.0), row(1.0, 9.0), "not compared"),
+        (row(1.0, 9.0), row(1.0), "not compared"),
+        (row(1.0, more_is_better=True), row(1.0), "not compared"),
+        (Row(part="tick", unit="us", p50=1.0), row(1.0), "not compared"),
+        (row(None), row(None), "not compared"),
     ],
 )
 def test_what_a_change_is_called(old, new, expected):
@@ -76,6 +87,15 @@ def test_what_was_saved_is_read_back(tmp_path):
         '{"format": "hri-predict bench 1", "machine": {}, "sections": '
         '{"a": [{"part": "x", "unit": "ms", "p50": "fast"}]}}',
         "[" * 100_000,
+        '{"format": "hri-predict bench 1", "sections": {}, "machine": {"yardstick_us": 1'
+        + "0" * 400
+        + "}}",
+        '{"format": "hri-predict bench 1", "sections": {}, "machine": {"yardstick_us": NaN}}',
+        '{"format": "hri-predict bench 1", "sections": {}, "machine": {"yardstick_us": -1}}',
+        '{"format": "hri-predict bench 1", "sections": {}, "machine": {"yardstick_us": "a"}}',
+        '{"format": "hri-predict bench 1", "sections": {}, "machine": {"yardstick_us": [1]}}',
+        '{"format": "hri-predict bench 1", "machine": {}, "sections": '
+        '{"a": [{"part": "x", "unit": "ms", "p50": 1' + "0" * 400 + "}]}}",
     ],
 )
 def test_another_file_is_refused_in_one_line(tmp_path, text):

@@ -52,7 +52,12 @@ def test_numbers(value, text):
 
 
 @pytest.mark.parametrize(
-    ("verdict", "told"), [("worse", "1 of 1 got worse by"), ("new", "nothing")]
+    ("verdict", "told"),
+    [
+        ("worse", "1 of 1 got worse by"),
+        ("as before", "nothing of 1"),
+        ("new", "1 of 1 were not compared:\n  a: tick: new"),
+    ],
 )
 def test_what_got_worse_is_listed(verdict, told):
     out = io.StringIO()

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from math import floor
 from pathlib import Path
 
 from hri_predict.base.errors import ConfigError, UnusableRecordingError, nearest
@@ -203,7 +204,8 @@ def _own_recording(name: str) -> Activity:
     lasts_s = load_motion(str(path), _RATE_HZ).duration_s
     if lasts_s < SHORTEST_S:
         raise ConfigError(
-            f"--activity {name}: lasts {lasts_s:.1f} s, of which the first {WARM_S:g} s do "
+            f"--activity {name}: lasts {floor(lasts_s * 1e3) / 1e3:g} s, of which the first "
+            f"{WARM_S:g} s do "
             f"not count; give a recording of {SHORTEST_S:g} s or more"
         )
     return Activity(name=path.stem, text=f"recording {path.stem}", motion=str(path))

@@ -186,7 +186,8 @@ class PlacedPerson:
     def middle(self) -> Floats:
         """Return (2,), the person's mean position over the whole motion, seen or not."""
         motion = load_motion(self._case.activity.motion, self._settings.rate_hz)
-        place: Floats = np.nanmean(np.nanmean(motion.positions[..., :2], axis=1), axis=0)
+        seen = motion.positions[motion.observed.any(axis=1), :, :2]  # a tracker loses people
+        place: Floats = np.nanmean(seen, axis=1).mean(axis=0)
         return place
 
     def _true_future(self, seen: Seen, zones: Sequence[BodyZones]) -> list[BodyZones]:

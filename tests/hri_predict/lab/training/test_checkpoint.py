@@ -1,5 +1,6 @@
 """A checkpoint is written whole or not at all, and reading one runs no code."""
 
+import io
 import pickle
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ import pytest
 import torch
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.lab.training.checkpoint import load_checkpoint, save_checkpoint
+from hri_predict.lab.training.checkpoint import load_checkpoint, save_checkpoint, sealed
 
 STATE: dict[str, Any] = {
     "weights": {"a": torch.arange(3.0)},
@@ -64,10 +65,10 @@ class Harmful:
 def test_nothing_but_plain_data_is_read(tmp_path, how):
     path = tmp_path / "last.pt"
     save_checkpoint(path, STATE)
-    if how == "torch":
-        torch.save({"step": Harmful()}, path)
-    elif how == "list":
-        torch.save([1, 2], path)
+    if how in ("torch", "list"):
+        payload = io.BytesIO()
+        torch.save({"step": Harmful()} if how == "torch" else [1, 2], payload)
+        path.write_bytes(sealed(payload.getbuffer()))
     else:
         whole = path.read_bytes()
         path.write_bytes(
@@ -81,4 +82,23 @@ def test_nothing_but_plain_data_is_read(tmp_path, how):
 
 def test_a_missing_one_says_how_to_start(tmp_path):
     with pytest.raises(ConfigError, match="no such file; start the run without --resume"):
+        load_checkpoint(tmp_path / "last.pt")
+
+
+def test_one_flipped_bit_anywhere_is_noticed(tmp_path):
+    path = tmp_path / "last.pt"
+    save_checkpoint(path, STATE)
+    whole = path.read_bytes()
+    for bit in range(0, 8 * len(whole), 53):
+        damaged = bytearray(whole)
+        damaged[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(damaged)
+        with pytest.raises(ConfigError, match=r"remove it and start the run again$") as error:
+            load_checkpoint(path)
+        assert "\n" not in str(error.value)
+
+
+def test_one_without_a_checksum_is_of_an_older_version(tmp_path):
+    torch.save(STATE, tmp_path / "last.pt")
+    with pytest.raises(ConfigError, match=r"has no checksum, .* of an older version; remove it"):
         load_checkpoint(tmp_path / "last.pt")
