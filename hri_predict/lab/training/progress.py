@@ -1,4 +1,4 @@
-"""How far a training run is: stored in each checkpoint as JSON, validated when it is read."""
+"""Progress of a training run: stored in each checkpoint as JSON, validated when it is read."""
 
 import hashlib
 import json

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.zones.calibration import FOLDER, load_calibration
+from hri_predict.zones.calibration import FOLDER, OFS, load_calibration
 from hri_predict.zones.plausible import (
     LEAST_MEAN_SHARE,
     LEAST_RADIUS_M,
@@ -90,7 +90,11 @@ def whole_shape(data):
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name.partition(".")[0])
 def test_shipped_calibrations_are_far_above_the_bounds(path):
     found = load_calibration(path)
-    for of in ("joint", "body"):
+    assert found.guaranteed is not None
+    assert found.estimated is not None
+    assert found.limits is not None
+    assert found.toward is not None
+    for of in OFS:
         demand_radii("guaranteed", [found.guaranteed[of] / 6], found.rate_hz)
         demand_radii("limits", [found.limits[of] / 6], found.rate_hz)
         demand_scale(found.scale, found.shape, found.estimated[of] / 4, found.rate_hz)

@@ -1,5 +1,7 @@
 """The search for a working distance always ends, and finds what a plain scan finds."""
 
+from unittest import mock
+
 import numpy as np
 import pytest
 
@@ -88,7 +90,8 @@ def test_terms_that_cost_nothing_end_the_waterfall_at_once(monkeypatch, costs, t
             return made
 
     monkeypatch.setattr(parts, "_Cells", Cells)
-    found = parts.waterfall(lambda *_: None, np.zeros(2), step=0.01)
+    found = parts.waterfall(mock.Mock(), np.zeros(2), step=0.01)
+    assert found.total_m is not None
     assert sum(found.costs_m.values()) + found.rest_m == pytest.approx(found.total_m)
     assert found.rest_m <= found.total_m
     if not costs:
