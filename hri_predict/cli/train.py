@@ -10,7 +10,7 @@ import typer
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
-from hri_predict.cli.common import JointMapOption, check_writable, command, own_map, warn
+from hri_predict.cli.common import JointMapOption, command, own_map, warn
 from hri_predict.lab.training.config import load_training_config
 
 if TYPE_CHECKING:
@@ -76,8 +76,6 @@ def train(
     for settings in asked:
         if settings.train.patience and settings.data.get("refit"):
             warn("train.patience has no effect with data.refit, which leaves no validation data")
-        if not resume:
-            check_writable(settings.out)  # reading the recordings takes minutes
         with Processes.join() as processes, told_to_stop() as stop:
             result = runs.trained(
                 settings,
@@ -159,7 +157,6 @@ def ablate(
     Example: hri-predict ablate configs/training/trajectorycnn_real.yaml --data ../shared/data
     --out runs/ablation
     """
-    check_writable(Path(out))  # reading the recordings takes minutes
     from hri_predict.lab.training import ablation, paper_ablation
 
     try:

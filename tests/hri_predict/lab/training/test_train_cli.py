@@ -307,7 +307,7 @@ def test_help_has_an_example(cli):
         (["--set", "data.fitt=1"], "data: fitt: unknown key; did you mean 'fit'?"),
         (["--set", "initial_weights=gone"], "weights gone: the file does not exist"),
         (["--set", "out=/dev/null/run"], "cannot be written"),
-        (["--set", "out=/dev/full"], "File exists; name another folder"),
+        (["--set", "out=/dev/full"], "/dev/full is not a folder; choose another 'out'"),
         (["--set", f"out={'a' * 300}"], "cannot be written: File name too long"),
         (["--out", ""], "out: must name a folder for this run alone"),
         (["--out", "."], "out: must name a folder for this run alone"),
