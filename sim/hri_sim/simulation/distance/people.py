@@ -204,9 +204,8 @@ def _own_recording(name: str) -> Activity:
     lasts_s = load_motion(str(path), _RATE_HZ).duration_s
     if lasts_s < SHORTEST_S:
         raise ConfigError(
-            f"--activity {name}: lasts {floor(lasts_s * 1e3) / 1e3:g} s, of which the first "
-            f"{WARM_S:g} s do "
-            f"not count; give a recording of {SHORTEST_S:g} s or more"
+            f"--activity {name}: lasts {floor(lasts_s * 1e3) / 1e3:.3f} s, of which the first "
+            f"{WARM_S:g} s do not count; give a recording of {SHORTEST_S:g} s or more"
         )
     return Activity(name=path.stem, text=f"recording {path.stem}", motion=str(path))
 
