@@ -209,7 +209,8 @@ def test_command(
         words += ["--set", "train.epochs=1", "--set", "train.windows_per_epoch=64"]
     if words[:2] == ["hri-predict", "bench"] and (len(words) == 2 or words[2].startswith("--")):
         if "--baseline" in words:  # which an earlier command makes
-            hri_predict("bench", "--quick", "--only", "parts", "--save", "before.json", cwd=folder)
+            own = words[words.index("--only") + 1] if "--only" in words else "parts"
+            hri_predict("bench", "--quick", "--only", own, "--save", "before.json", cwd=folder)
         words += [] if "--quick" in words else ["--quick"]
         words += [] if "--only" in words else ["--only", "parts"]
         words += ["--worse-than", "100"] if "--baseline" in words else []  # nothing is timed
