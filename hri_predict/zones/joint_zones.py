@@ -208,6 +208,9 @@ class JointZones:
         beyond = rule.physical_m_s * np.maximum(until - end_s, 0.0)[..., None]
         rest = spheres.inflation[:here] - within[:, None] + beyond
         rest = np.where(follows[:, None], rest, np.inf)
+        if forecast.std is not None:  # where the deviation decides, it does in every direction
+            least = rule.std_factor * forecast.std[person, at]
+            rest = np.where((least > 0) & (least >= spheres.claimed[person, at]), np.inf, rest)
         rest[:, 0] = np.inf
         path = spheres.path[:here]
         return Toward(

@@ -10,11 +10,13 @@ from hypothesis import strategies as st
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.zones.human_speed import velocities_in
 from hri_predict.zones.joint_zones import SETTLED_STEPS, JointZones
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.reach import BONE_FACTOR, BONE_MARGIN_M
 from hri_predict.zones.self_check.self_check import Trust
 from hri_predict.zones.settings import CoverageSettings, HumanLimits, Reach
+from hri_predict.zones.toward import BINS
 from tests.hri_predict.lost_person import lost_person
 from tests.hri_predict.zones.conftest import scale_of
 
@@ -152,6 +154,22 @@ def test_no_radius_is_smaller_than_twice_the_stated_deviation(calibration):
     assert spheres.claimed[0, :5] == pytest.approx(table(calibration)[:5])
     assert (spheres.claimed[0, 5:] == 2.0).all()
     assert spheres.radius[0, 6:] == pytest.approx(2.0)
+
+
+def test_where_the_deviation_decides_no_direction_is_nearer(calibration):
+    shares = np.full((3, 3, STEPS, BINS), 0.4)
+    own = replace(calibration, toward=shares)
+    snapshot, builder = seen(), zones(own)
+    std = np.full((1, STEPS, COUNT), 1e-3)
+    std[0, 5:, HAND] = 1.0
+    forecast = Forecast(staying(snapshot).positions, std)
+    stage = {"trust": trusted(), "velocities": velocities_in(snapshot, RATE_HZ)}
+    spheres = builder.build(snapshot, forecast, capture_ns=NOW_NS, **stage)
+    found = builder.toward(snapshot, forecast, spheres=spheres, **stage)
+    assert found is not None
+    assert np.isinf(found.rest[0, 6:, HAND]).all()
+    assert np.isfinite(found.rest[0, 1:6, HAND]).all()
+    assert np.isfinite(found.rest[0, 1:, WAIST]).all()
 
 
 def test_past_errors_reach_the_scale_of_each_joint(make_calibration):
