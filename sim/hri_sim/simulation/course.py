@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
-from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.base.geometry import Capsules, least_distance
 from hri_predict.base.skeleton import CANONICAL
 from hri_sim.referee import MOVING_M_S, Bodies, Joints, Referee, TruePeople, body_capsules
 
@@ -104,7 +104,7 @@ class CourseReferee(Referee):
             model = self._robots[name].counting(self._tool_of(name))
             q, qd = (_between(np.array([s[i] for s in states]), times) for i in (0, 1))
             robot, speed = model.moving(q, qd)
-            gaps = _gaps(bodies, counts[:, :, ever], robot)
+            gaps = least_distance(bodies, counts[:, :, ever], robot)
             if self._on_contact is not None and (gaps[:, speed > MOVING_M_S] <= 0).any():
                 return False
             found[name] = gaps, np.asarray(speed)
@@ -119,16 +119,6 @@ class CourseReferee(Referee):
         self._last = (course.stamps_ns[last], course.people[last], course.robots[last])
         self.observations += len(ticks) * len(times)
         return True
-
-
-def _gaps(bodies: Capsules, counts: Bools, robot: Capsules) -> Floats:
-    """Return distances (P, K) between a robot (K, C) and the bodies (P, K, B) that count."""
-    distance = capsule_distance(
-        Capsules(bodies.a[..., :, None, :], bodies.b[..., :, None, :], bodies.radius[..., :, None]),
-        Capsules(robot.a[:, None], robot.b[:, None], robot.radius[:, None]),
-    )
-    least: Floats = np.where(counts[..., None], distance, np.inf).min(axis=(-2, -1), initial=np.inf)
-    return least
 
 
 def _between(states: Floats, times: Floats) -> Floats:

@@ -13,6 +13,7 @@ from hri_predict.base.geometry import (
     Capsules,
     capsule_distance,
     horizontal_distance,
+    least_distance,
     segment_distance,
 )
 
@@ -196,6 +197,37 @@ def test_broadcasts_like_numpy() -> None:
                 capsule(a.a[i, 0], a.b[i, 0], a.radius[i, 0]), capsule(b.a[j], b.b[j], b.radius[j])
             )
             assert batch[i, j] == pytest.approx(float(one), abs=1e-14)
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from([0.05, 1.0, 4.0]))
+def test_the_least_distance_is_that_of_the_nearest_pair_that_counts(
+    seed: int, degenerate: bool, apart_m: float
+) -> None:
+    rng = np.random.default_rng(seed)
+
+    def drawn(*shape: int) -> Capsules:
+        a = apart_m * rng.normal(size=(*shape, 3))
+        b = a if degenerate else a + 0.3 * rng.normal(size=a.shape)
+        return Capsules(a, b, rng.uniform(0.0, 0.2, shape))
+
+    bodies, others = drawn(2, 3, 5), drawn(3, 4)
+    counts = rng.random((2, 3, 5)) < 0.6
+    pairs = capsule_distance(
+        Capsules(bodies.a[..., :, None, :], bodies.b[..., :, None, :], bodies.radius[..., None]),
+        Capsules(others.a[:, None], others.b[:, None], others.radius[:, None]),
+    )
+    every = np.where(counts[..., None], pairs, np.inf).min((-2, -1))
+    assert np.array_equal(least_distance(bodies, counts, others), every)
+
+
+def test_the_least_distance_keeps_nan_and_is_infinite_where_nothing_counts() -> None:
+    bodies = capsule([[0.0, 0, 0], [np.nan, 0, 0]], [[1.0, 0, 0], [1.0, 0, 0]], [0.1, 0.1])
+    post = capsule([[5.0, 0, 0]], [[5.0, 0, 2]], [0.1])
+    assert np.isnan(least_distance(bodies, np.array([True, True]), post))
+    assert least_distance(bodies, np.array([True, False]), post) == pytest.approx(3.8)
+    assert np.isinf(least_distance(bodies, np.array([False, False]), post))
+    none = Capsules(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    assert np.isinf(least_distance(none, np.zeros(0, bool), post))
 
 
 @given(any_point, any_point, radius, any_point)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
-from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.base.geometry import Capsules, least_distance
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.protocol.messages import Level
 from hri_predict.robots.model import RobotModel
@@ -106,15 +106,7 @@ class Truth:
 
     def gaps(self, ticks: Any, model: RobotModel, q: Floats) -> Floats:
         """Return (M,) metres between all people at ``ticks`` (M,) and the robot at ``q`` (M, N)."""
-        robot = model.capsules(q)
-        a, b, radius = self.bodies.a[ticks], self.bodies.b[ticks], self.bodies.radius[ticks]
-        distance = capsule_distance(
-            Capsules(a[:, :, None], b[:, :, None], radius[:, :, None]),
-            Capsules(robot.a[:, None], robot.b[:, None], robot.radius[:, None]),
-        )
-        distance = np.where(self.counts[ticks][..., None], distance, np.inf)
-        least: Floats = distance.min(axis=(-2, -1), initial=np.inf)
-        return least
+        return least_distance(self.bodies[ticks], self.counts[ticks], model.capsules(q))
 
 
 def outcome(*, cell: Cell, scenario: Scenario, log: Log, alone: Log, truth: Truth) -> Outcome:
@@ -239,9 +231,5 @@ def _gaps(cell: Cell, joints: Floats, robot: Capsules) -> Floats:
     a = joints[:, [s.joint_a for s in segments]]
     b = joints[:, [s.joint_b for s in segments]]
     radius = np.broadcast_to([s.radius for s in segments], a.shape[:-1])
-    distance = capsule_distance(
-        Capsules(a[:, :, None], b[:, :, None], radius[:, :, None]),
-        Capsules(robot.a[:, None], robot.b[:, None], robot.radius[:, None]),
-    )
-    least: Floats = distance.min(axis=(-2, -1))
-    return least
+    bodies = Capsules(a, b, radius)
+    return least_distance(bodies, np.ones(radius.shape, dtype=bool), robot)
