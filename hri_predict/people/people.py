@@ -16,6 +16,7 @@ from hri_predict.people.body.floor_watch import FloorWatch
 from hri_predict.people.body.inferred import Inference
 from hri_predict.people.body.made_up import MadeUpWatch, Sign
 from hri_predict.people.body.posture_watch import PostureWatch
+from hri_predict.people.body.size_watch import SizeWatch
 from hri_predict.people.clock.scene_gate import SceneGate
 from hri_predict.people.inferring import with_inferred
 from hri_predict.people.joined import join
@@ -104,7 +105,7 @@ class People(RemembersLost):
         self._counters: Counter[str] = self._roster.counters
         self._posture = PostureWatch(settings, source_settings.field_of_view)
         self._made_up = MadeUpWatch(settings, self._origin, round(period_s * 1e9))
-        self._floor = FloorWatch(settings)
+        self._floor, self._size = FloorWatch(settings), SizeWatch(settings)
         self._judged_before = source_settings.judges_bodies
         self._signs: set[Sign] = set()
         self._hip_centred: set[int] = set()
@@ -155,6 +156,8 @@ class People(RemembersLost):
             if (wrong := self._posture.judge(body, capture_ns)) is not None:
                 self._counters[wrong.value] += 1
                 self._misplaced = True  # still tracked, because somebody is there
+            if self._size.is_wrong(body, capture_ns):
+                self._refuse("wrong_size_bodies")  # tracked likewise
             if not self._judged_before:
                 self._floor.note(body, capture_ns)
                 self._note_made_up(body, capture_ns)
@@ -204,7 +207,9 @@ class People(RemembersLost):
         """Refuse a second body with one id: it is another person, unless it is a repeat."""
         self._refuse("duplicate_ids")
         body = canonical_body(person, self._joint_map, self._origin).body
-        if body is not None and (first is None or _apart(body, first) > SAME_PLACE_M):
+        if body is None:
+            return
+        if first is None or np.linalg.norm(body.centroid - first.centroid) > SAME_PLACE_M:
             self._unplaced.note(Why.SECOND_BODY, person.id, capture_ns)
 
     def _look_at_refused(self, scene: Scene) -> None:
@@ -310,9 +315,8 @@ class People(RemembersLost):
     # -- out --------------------------------------------------------------------------------------
 
     def acknowledge(self) -> int:
-        """Remove the lost people counted in the newest snapshot, as confirmed by an operator.
-
-        Returns: number of people removed.
+        """Remove the lost people counted in the newest snapshot, whom an operator confirmed to be
+        gone; return their number.
         """
         with self._lock:
             forgotten = self._lost.acknowledge()
@@ -394,7 +398,3 @@ class People(RemembersLost):
             (self._lost.forgotten and not self._lost.distrusted, Reason.ROOM_NOT_SEEN_EMPTY),
         ]
         return tuple(dict.fromkeys(reason for holds, reason in found if holds))
-
-
-def _apart(body: Body, other: Body) -> float:
-    return float(np.linalg.norm(body.centroid - other.centroid))

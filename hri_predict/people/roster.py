@@ -187,7 +187,7 @@ class Roster:
                     left = [t for t in left if t.id != body.id or t.began_ns <= jumped_ns]
                 left = [t for t in left if t is not place]
             if self._keeps_ids and risen is None:
-                self._find_all(body.id)
+                self._find_all(body.id, [places[v] for v in pairs.values()])
             track = place.track if isinstance(place, Lost) else place
             admitted = self._admit(
                 body=body, risen=risen, track=track, capture_ns=capture_ns, now_ns=now_ns
@@ -240,8 +240,7 @@ class Roster:
         self._ended_ns = kept | {number: capture_ns}
 
     def _newest_of_lost(self, number: int) -> int | None:
-        stamps = [lost.capture_ns for lost in self.lost.people if lost.id == number]
-        return max(stamps, default=None)
+        return max((p.capture_ns for p in self.lost.people if p.id == number), default=None)
 
     def expire(self, capture_ns: int) -> None:
         """End the tracks of people absent for too long: they left through an exit, or vanished.
@@ -298,10 +297,11 @@ class Roster:
                     del pairs[other]
         return pairs
 
-    def _find_all(self, number: int) -> None:
-        """Remove all lost entries of an id that is tracked again, if the source keeps its ids."""
+    def _find_all(self, number: int, others: Sequence[Track | Lost]) -> None:
+        """Remove the lost entries of an id that is tracked again, except places of others."""
         for lost in [each for each in self.lost.people if each.id == number]:
-            self._forget(lost)
+            if not any(lost is other for other in others):
+                self._forget(lost)
 
     def _fit(
         self, body: Body, risen: Track | None, place: Track | Lost, capture_ns: int

@@ -282,6 +282,7 @@ class Track:
         """Return the speed of the body, m/s, and (J,) excess speed of each joint; over ``span_s``.
 
         The body's speed is ``None`` if not measured; an unmeasured joint has the speed of the body.
+        The last capture may show only a foot that stands: the trunk's path counts as well.
         """
         body, seconds = self.moved(span_s)
         moved, _ = self._joints_moved(span_s)
@@ -289,6 +290,9 @@ class Track:
             return None, np.zeros(len(moved))
         apart = np.sqrt(np.einsum("ji,ji->j", moved, moved)) / seconds
         speed = float(np.linalg.norm(body)) / seconds
+        path = self.trail.velocity()
+        if path is not None:
+            speed = max(speed, float(np.linalg.norm(path)))
         return speed, np.maximum(np.nan_to_num(apart - speed), 0.0)
 
     def _joints_moved(self, span_s: float) -> tuple[Floats, float]:

@@ -61,9 +61,8 @@ class BodyZones:
             infinite if unknown, as for a lost person. For an inferred hand or foot, the physical
             limit is used, because the tracker does not see its rotation.
         as_assumed: (P,) whether the standard's assumptions are known to hold for a person: the
-            person is in view, at a measured speed that is not fast, and has a forecast that is
-            neither widened nor out of distribution. For all others, only the zones decide in mode
-            ``predictive``.
+            person is in view, at a measured speed that is not fast; the forecast plays no part. For
+            all others, only the zones decide in mode ``predictive``.
         untrusted: reasons why the scene cannot be trusted; the zones are then not valid.
         margins_m: (S,) added thickness of each segment of ``zones``; ``None``: nothing was added.
         toward: extent of the people in view by direction; ``None``: not calibrated.

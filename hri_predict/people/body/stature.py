@@ -27,6 +27,19 @@ _BONES = [
     for segment in CANONICAL.segments
     if segment.name[2:] in _FRACTIONS
 ]
+_STARTS, _ENDS = (np.array([bone[end] for bone in _BONES]) for end in (0, 1))
+_SHARES = np.array([bone[2] for bone in _BONES])
+
+
+def statures_m(positions: Floats, observed: Bools) -> Floats:
+    """Return the stature indicated by each whole limb bone of a body, metres.
+
+    Args:
+        positions, observed: (J, 3) metres and (J,), canonical joints.
+    """
+    whole = observed[_STARTS] & observed[_ENDS]
+    found: Floats = norm(positions[_STARTS[whole]] - positions[_ENDS[whole]]) / _SHARES[whole]
+    return found
 
 
 def stature_m(bodies: Sequence[tuple[Floats, Bools]]) -> float | None:

@@ -18,6 +18,7 @@ from hri_predict.base.errors import ConfigError, HriPredictError
 from hri_predict.base.geometry import side
 from hri_predict.base.settings import validated
 from hri_predict.base.work.workers_for import workers_for
+from hri_predict.contracts.source import Source
 from hri_predict.node.listeners import Tick
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.run import assemble
@@ -280,18 +281,34 @@ def _base(request: OcclusionRequest) -> Config:
 
 
 def _possible(base: Config, request: OcclusionRequest, index: int) -> Episode:
-    """Return the first draw whose people can perform their scripts; arms have limited reach."""
+    """Return the first draw whose people can perform their scripts; arms have limited reach.
+
+    If the source does not see free space, the tracker must show each person once: a node cannot
+    know of somebody who walks in a box's shadow from the door to the robot.
+    """
     for attempt in range(_TRIES):
         seed = request.seed * _TRIES + attempt
         episode = draw(seed, index, request.rates_hz, request.cameras)
         if not request.occlude:
             episode = replace(episode, boxes=[], cameras=[[0.0, 0.0, 50.0]], rename=0.0)
         try:
-            assemble.build_source(configured(base, episode, "iso", free_space=False))
+            named = replace(episode, rename=0.0)  # so that ids are people
+            source = assemble.build_source(configured(base, named, "iso", free_space=False))
         except HriPredictError:
             continue
-        return episode
+        if request.free_space or _shows(source) == len(episode.people):
+            return episode
     raise ConfigError(f"--seed {request.seed}: episode {index} cannot be drawn; take another seed")
+
+
+def _shows(source: Source) -> int:
+    """Return how many people a source shows during an episode."""
+    source.open(0)
+    shown: set[int] = set()
+    while (due_ns := source.next_ns()) is not None and due_ns < DURATION_S * 1e9:
+        if (scene := source.poll(due_ns)) is not None:
+            shown.update(person.id for person in scene.people)
+    return len(shown)
 
 
 def simulate(

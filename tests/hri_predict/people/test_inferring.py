@@ -8,7 +8,7 @@ from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.scene import Person
 from hri_predict.people.body.body_model import body_model
 from hri_predict.people.body.inferred import Inference
-from hri_predict.people.inferring import HIDDEN_ARM
+from hri_predict.people.inferring import HIDDEN_ARM, hidden_arms
 from hri_sim.people.body import Body
 
 COCO = load_joint_map("coco17")
@@ -287,3 +287,22 @@ def test_one_wrong_capture_of_a_hidden_arm_does_not_take_the_zone_away(make_room
         after = room.see(person(upright, *LIMB))
         off = np.linalg.norm(after.last_positions[0, HAND] - upright[HAND])
         assert off <= after.inferred.within_m[0, HAND]
+
+
+@pytest.mark.parametrize(
+    ("shown", "hidden"),
+    [
+        ([], True),
+        ([3, 17], True),  # glimpses of an elbow do not show the hand
+        ([3, 24], False),  # it is seen now
+        (range(15), False),  # lost for a moment
+    ],
+)
+def test_an_arm_is_hidden_if_it_is_not_seen_now_and_was_seldom_before(shown, hidden):
+    arm = [JOINTS.index(f"r_{joint}") for joint in ("elbow", "wrist", "hand")]
+    measured = np.ones((1, 25, len(JOINTS)), bool)
+    measured[:, :, arm] = False
+    measured[:, list(shown), arm[0]] = True
+    found = hidden_arms(measured)
+    assert found[0, arm].tolist() == [hidden] * 3
+    assert found.sum() == 3 * hidden  # the other arm is seen

@@ -192,3 +192,17 @@ def test_more_people_than_can_be_followed_is_a_reason(make_room):
     assert snapshot.counters["excess_people"] == 2
     assert snapshot.captures == 3
     assert room.see(*people[:3], times=10).reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
+
+
+def test_a_person_lost_under_two_ids_is_found_once_when_both_places_show_somebody(make_room):
+    """Id 1 jumps to a colleague, both vanish, and both are back in one scene."""
+    room = make_room(source={"keeps_ids": True})
+    room.see(body(1, 0.0), body(2, 6.0), times=60)
+    room.see(body(1, 3.0), body(2, 6.0), times=2)
+    snapshot = room.see(body(2, 6.0), times=8)
+    assert [p.id for p in snapshot.lost] == [1, 1]
+    snapshot = room.see(body(1, 0.0), body(7, 3.0), body(2, 6.0))
+    assert snapshot.ids == (1, 2, 7)
+    assert snapshot.lost == ()
+    snapshot = room.see(body(1, 0.0), body(2, 6.0), times=10)
+    assert [p.id for p in snapshot.lost] == [7]  # nobody is forgotten

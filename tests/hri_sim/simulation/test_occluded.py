@@ -29,10 +29,19 @@ def test_a_run_is_played_in_parts(monkeypatch):
     assert list(simulate(parts, lambda k, n: None)) == [40, 41, 42]
 
 
+def test_everybody_is_shown_once_unless_the_source_sees_free_space():
+    """In the first draw, the only person walks in the shadow of a box all the way."""
+    request = replace(REQUEST, seed=61, modes=("predictive",))
+    base = occluded._base(request)
+    first = draw(61 * occluded._TRIES, 12, request.rates_hz, 1)
+    assert occluded._possible(base, replace(request, free_space=True), 12) == first
+    assert occluded._possible(base, request, 12) != first
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("free_space", [False, True])
 def test_nobody_is_touched_by_a_moving_robot(free_space):
-    request = replace(REQUEST, episodes=1, seed=11, free_space=free_space)
+    request = replace(REQUEST, episodes=1, seed=12, free_space=free_space)
     done = []
     rows = list(simulate(request, lambda k, n: done.append((k, n))))
     assert [row.mode for row in rows] == ["predictive", "iso", "fixed"]

@@ -79,3 +79,15 @@ def test_a_body_seen_in_two_captures_only_does_not_speed_up(make_room):
     room.see(Person(1, SHAPE, ALL), times=2)
     (track,) = room.people._tracks.values()
     assert speeding(track) is None
+
+
+def test_a_runner_of_whom_only_a_standing_foot_was_seen_last_goes_on_at_the_trunks_speed(make_room):
+    room, speed = make_room(latency=0), 3.0
+    foot = np.arange(J) == JOINTS.index("r_foot")
+    for k in range(20):
+        body = SHAPE + np.array([speed * k / RATE, 0.0, 0.0])
+        body[foot] = SHAPE[foot] + np.array([speed * min(k, 15) / RATE, 0.0, 0.0])
+        seen = foot if k == 19 else ALL
+        room.see(Person(1, body, seen))
+    (lost,) = room.see(times=4).lost
+    assert lost.speed_m_s >= 3.0
