@@ -3,16 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
-import yaml
-
-from hri_predict.base.files import load_yaml
 from hri_predict.explaining.counters import AFTER_NS, BEFORE_NS
 from hri_predict.explaining.episodes import WAITING, Episode, level_of
+from hri_predict.explaining.full_speed import full_speeds
 from hri_predict.explaining.hindsight import hindsight
 from hri_predict.explaining.reason_clause import (
     because,
     brief,
     distance_of,
+    full_speed,
     link_of,
     needed_by,
     part_of,
@@ -25,7 +24,6 @@ from hri_predict.explaining.situation import Situation, nearest_episodes
 from hri_predict.explaining.times import NS, dated, shown
 from hri_predict.explaining.values import listed, mapped, number, text
 from hri_predict.protocol.messages import Level
-from hri_predict.recording import RecordingInfo
 
 TERMS = {
     "s_h": "S_h person's travel until the robot stops",
@@ -57,6 +55,7 @@ def explain(about: Situation) -> dict[str, Any]:
         "detail": text(data.get("detail")),
         "speed_m_s": number(data.get("speed_m_s")),
         "speed_limit_m_s": number(data.get("speed_limit_m_s")),
+        "full_speed_m_s": full_speed(about),
         "age_s": number(data.get("age_s")),
         "also": about.also,
         "people": about.people,
@@ -200,17 +199,3 @@ def listing(episode: Episode, recordings: Recordings) -> dict[str, Any]:
 def is_slowed(found: Mapping[str, Any]) -> bool:
     """Whether an explanation concerns a slowdown or stop."""
     return Level[found["level"]].rank >= Level.SLOW.rank
-
-
-def full_speeds(info: RecordingInfo) -> dict[str, float]:
-    """``max_speed_m_s`` (m/s) of each robot that the recorded configuration names."""
-    try:
-        data = mapped(load_yaml(info.config))
-    except (yaml.YAMLError, ValueError, RecursionError):
-        return {}
-    found = {}
-    for robot in map(mapped, listed(data.get("robots"))):
-        full = number(robot.get("max_speed_m_s"))
-        if full is not None and full > 0:
-            found[text(robot.get("name"))] = full
-    return found
