@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from hri_predict.base.clock import MonotonicClock, VirtualClock
-from hri_predict.base.errors import LinkError, LinkErrors, MachineError
+from hri_predict.base.errors import ConfigError, LinkError, LinkErrors, MachineError
 from hri_predict.base.machine import asleep
 from hri_predict.base.machine.realtime import RealtimeSettings
 from hri_predict.contracts.source import NOT_KNOWN_NS
@@ -52,7 +52,8 @@ def make(rate_hz=50.0, source=None, links=(), virtual=False) -> Any:
         links=tuple(links),
         prediction=prediction,
         config=SimpleNamespace(
-            node=SimpleNamespace(rate_hz=rate_hz, ticks="fixed", realtime=RealtimeSettings())
+            node=SimpleNamespace(rate_hz=rate_hz, ticks="fixed", realtime=RealtimeSettings()),
+            source=SimpleNamespace(kind="own"),
         ),
     )
 
@@ -370,6 +371,30 @@ def test_virtual_with_a_source_whose_poll_has_nothing_comes_to_its_end():
     assert assembly.node.ticks == [1_000 * MS + k * 40 * MS for k in range(25)]
     assert beside.steps == [1_000 * MS + k * 7 * MS for k in range(143)]
     assert source.polls < 1000
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError("by zero\nat x"), SystemExit("no file")])
+@pytest.mark.parametrize("method", ["open", "next_ns", "poll"])
+def test_virtual_a_source_that_raises_ends_the_run_with_one_line(method, error):
+    def fails(*_):
+        raise error
+
+    source = Source(count=7)
+    setattr(source, method, fails)
+    with pytest.raises(ConfigError) as caught:
+        run_virtual(make(source=source, virtual=True))
+    said, *more = str(caught.value).splitlines()
+    assert said.startswith("source 'own' failed: ")
+    assert str(error).splitlines()[0] in said
+    assert "correct it" in said
+    assert more == []
+
+
+def test_virtual_the_node_s_own_mistake_is_not_blamed_on_the_source():
+    assembly = make(virtual=True)
+    assembly.node.receive = lambda *_: 1 / 0
+    with pytest.raises(ZeroDivisionError):
+        run_virtual(assembly, duration_s=0.1)
 
 
 class Beside:
