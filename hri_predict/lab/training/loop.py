@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import subprocess
 import time
 from collections.abc import Callable
@@ -15,7 +14,7 @@ import torch
 from torch import Tensor
 
 from hri_predict.base.errors import ConfigError, HriPredictError
-from hri_predict.lab.training.checkpoint import load_checkpoint, save_checkpoint
+from hri_predict.lab.training.checkpoint import check_folder, load_checkpoint, save_checkpoint
 from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.processes import Processes
@@ -167,11 +166,8 @@ class Run:
         """
         if resume:
             self._resume()
-        elif os.path.exists(self.config.out / "last.pt"):  # takes names that are too long
-            raise ConfigError(
-                f"{self.config.out}: holds a run; --resume continues it, another --out starts a "
-                "new one"
-            )
+        else:
+            check_folder(self.config.out, resume)
         self.processes.every(torch.zeros(1))  # no process writes before all have checked
         progress, settings = self.progress, self.settings
         if not resume:
