@@ -5,13 +5,12 @@ from typing import Any
 
 from hri_predict.explaining.counters import AFTER_NS, BEFORE_NS
 from hri_predict.explaining.episodes import WAITING, Episode, level_of
-from hri_predict.explaining.full_speed import full_speeds
+from hri_predict.explaining.full_speed import enough_m, full_speed, full_speeds
 from hri_predict.explaining.hindsight import hindsight
 from hri_predict.explaining.reason_clause import (
     because,
     brief,
     distance_of,
-    full_speed,
     link_of,
     needed_by,
     part_of,
@@ -105,6 +104,7 @@ def separation(about: Situation) -> dict[str, Any] | None:
     unknown.
 
     ``short_m`` is the missing distance; negative if the distance was larger than required.
+    ``full_speed_enough_m``: see ``enough_m``.
     """
     data, grounds = about.advice.data, mapped(about.advice.data.get("grounds"))
     terms = mapped(grounds.get("terms_m"))
@@ -119,8 +119,9 @@ def separation(about: Situation) -> dict[str, Any] | None:
         "separation_m": has_m,
         "nearest_m": number(data.get("separation_m")),
         "predicted_separation_m": number(data.get("predicted_separation_m")),
-        "needed_m": None if needed_m is None else round(needed_m, 4),
+        "needed_m": _rounded(needed_m),
         "short_m": None if has_m is None or needed_m is None else round(needed_m - has_m, 4),
+        "full_speed_enough_m": _rounded(enough_m(about)),
         "speed_m_s": number(data.get("speed_m_s")),
         "limit_m_s": number(data.get("speed_limit_m_s")),
         "reaction_s": number(grounds.get("reaction_s")),
@@ -130,6 +131,10 @@ def separation(about: Situation) -> dict[str, Any] | None:
         "terms_m": {name: number(terms.get(name)) for name in TERMS},
         "protective_m": number(grounds.get("protective_m")),
     }
+
+
+def _rounded(length_m: float | None) -> float | None:
+    return None if length_m is None else round(length_m, 4)
 
 
 def history(about: Situation, episode: Episode) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from itertools import pairwise
 from hri_predict.base.skeleton import CANONICAL, in_words
 from hri_predict.explaining.counters import DAMAGE
 from hri_predict.explaining.episodes import WAITING, robot_of, slows, waits
-from hri_predict.explaining.full_speed import full_speeds, is_full
+from hri_predict.explaining.full_speed import enough_m, full_speed, is_full
 from hri_predict.explaining.situation import Situation, situation
 from hri_predict.explaining.times import NS, AskedTime
 from hri_predict.explaining.values import listed, mapped, metres, number, text, whole
@@ -96,7 +96,7 @@ def needed_by(advice: Told) -> float | None:
 
 def _of_person(about: Situation) -> str:
     """``person 2's right hand was 0.42 m from the forearm; 0.78 m were needed at 0.6 m/s``."""
-    return f"{_whereabouts(about)}; {_needed(about)}{_forecast(about)}"
+    return f"{_whereabouts(about)}; {_needed(about)}{_enough(about)}{_forecast(about)}"
 
 
 def _whereabouts(about: Situation) -> str:
@@ -128,11 +128,6 @@ def _released(about: Situation) -> str:
     return f"{waited}; before that: {because(then)} (until {about.clock(causes[-1].utc_ns)})"
 
 
-def full_speed(about: Situation) -> float | None:
-    """Return the robot's full speed, m/s; ``None``: the recording does not state it."""
-    return full_speeds(about.info).get(about.robot)
-
-
 def _needed(about: Situation) -> str:
     advice, data = about.advice, about.advice.data
     separation, needed = distance_of(advice), needed_by(advice)
@@ -149,6 +144,14 @@ def _needed(about: Situation) -> str:
     if not limit:
         return "too near for the standing robot to start" if stands else "too near to keep moving"
     return safe if is_full(limit, full_speed(about)) else f"near enough that {safe}"
+
+
+def _enough(about: Situation) -> str:
+    """Return the distance that would have been enough for full speed, if it is known."""
+    enough, has_m = enough_m(about), distance_of(about.advice)
+    if enough is None or has_m is None or has_m >= enough:  # another pair was nearer
+        return ""
+    return f"; {enough:.2f} m are enough for full speed"
 
 
 def _forecast(about: Situation) -> str:

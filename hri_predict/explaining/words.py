@@ -114,6 +114,12 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
     if found["predicted_separation_m"] is not None:
         meant = "minimum distance to the zones until the robot stops"
         yield _row(meant, found["predicted_separation_m"])
+    if found["full_speed_enough_m"] is not None:
+        yield _row("distance that is enough for full speed", found["full_speed_enough_m"])
+        yield (
+            "  (for people no faster than the standard assumes, with risk.slow_margin_m and "
+            "risk.band_m; the zones may permit full speed nearer)"
+        )
     yield from _standard(found)
 
 
