@@ -9,20 +9,17 @@ import threading
 import time
 from asyncio import CancelledError
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
-from hri_predict.base.clock import MonotonicClock, VirtualClock
-from hri_predict.base.errors import ConfigError, LinkError, LinkErrors, MachineError
+from hri_predict.base.errors import LinkError, LinkErrors, MachineError
 from hri_predict.base.machine import asleep
-from hri_predict.base.machine.realtime import RealtimeSettings
 from hri_predict.contracts.source import NOT_KNOWN_NS
 from hri_predict.node.publish_phase import PublishPhase
 from hri_predict.protocol.messages import NodeState
 from hri_predict.run import starting
 from hri_predict.run.runtime import run_real_time, run_virtual
-from tests.hri_predict.run.fakes import MS, Node, Source
+from tests.hri_predict.run.fakes import MS, Source, make
 
 
 class Link:
@@ -40,22 +37,6 @@ class Link:
 
     def stop(self):
         self.log.append("stop")
-
-
-def make(rate_hz=50.0, source=None, links=(), virtual=False) -> Any:
-    clock: Any = VirtualClock(1_000 * MS) if virtual else MonotonicClock()
-    prediction = SimpleNamespace(start=lambda: None, stop=lambda: None)
-    return SimpleNamespace(
-        clock=clock,
-        node=Node(clock),
-        source=source or Source(),
-        links=tuple(links),
-        prediction=prediction,
-        config=SimpleNamespace(
-            node=SimpleNamespace(rate_hz=rate_hz, ticks="fixed", realtime=RealtimeSettings()),
-            source=SimpleNamespace(kind="own"),
-        ),
-    )
 
 
 # -- real time
@@ -371,30 +352,6 @@ def test_virtual_with_a_source_whose_poll_has_nothing_comes_to_its_end():
     assert assembly.node.ticks == [1_000 * MS + k * 40 * MS for k in range(25)]
     assert beside.steps == [1_000 * MS + k * 7 * MS for k in range(143)]
     assert source.polls < 1000
-
-
-@pytest.mark.parametrize("error", [ZeroDivisionError("by zero\nat x"), SystemExit("no file")])
-@pytest.mark.parametrize("method", ["open", "next_ns", "poll"])
-def test_virtual_a_source_that_raises_ends_the_run_with_one_line(method, error):
-    def fails(*_):
-        raise error
-
-    source = Source(count=7)
-    setattr(source, method, fails)
-    with pytest.raises(ConfigError) as caught:
-        run_virtual(make(source=source, virtual=True))
-    said, *more = str(caught.value).splitlines()
-    assert said.startswith("source 'own' failed: ")
-    assert str(error).splitlines()[0] in said
-    assert "correct it" in said
-    assert more == []
-
-
-def test_virtual_the_node_s_own_mistake_is_not_blamed_on_the_source():
-    assembly = make(virtual=True)
-    assembly.node.receive = lambda *_: 1 / 0
-    with pytest.raises(ZeroDivisionError):
-        run_virtual(assembly, duration_s=0.1)
 
 
 class Beside:
