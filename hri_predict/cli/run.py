@@ -162,8 +162,7 @@ def run(
     facts = commissioning_facts(loaded)
     if not is_as_commissioned(facts):
         print(f"warning: {commissioning_lines(facts)[0]}; see hri-predict check", file=sys.stderr)
-    with loaded.naming_lines():
-        go(loaded, options, as_json, screens(viewer, operator, viewer_host, operator_url))
+    go(loaded, options, as_json, screens(viewer, operator, viewer_host, operator_url))
 
 
 def replay(
@@ -264,6 +263,7 @@ def go(
         print(f"warning: {note}", file=sys.stderr)
     in_terminal = _in_terminal(as_json, options.factor)
     with (
+        config.naming_lines(),
         logs.unhurried() if real_time else nullcontext(),
         screens as feed,
         TerminalView(footer=partial(addresses, feed)) if in_terminal else nullcontext() as terminal,

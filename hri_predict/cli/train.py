@@ -73,6 +73,8 @@ def train(
             limit = "" if longest is None else f", at most {longest:g} min"
             print(f"{each.out}: {each.train.epochs} epochs{limit}: {runs.state(each)}")
         return
+    for settings in asked:  # before the first of them trains for hours
+        runs.check_run_folder(settings, runs.begun(settings) if plan else resume)
     for settings in asked:
         if settings.train.patience and settings.data.get("refit"):
             warn("train.patience has no effect with data.refit, which leaves no validation data")

@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -18,7 +18,7 @@ from typing import Any
 from pydantic import JsonValue
 
 from hri_predict import __version__
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, HriPredictError
 from hri_predict.base.files import data_path
 from hri_predict.base.settings import Settings
 from hri_predict.contracts import registry
@@ -64,26 +64,32 @@ def dependencies(config: Config, flat: Mapping[str, Any]) -> dict[str, Path]:
     return found
 
 
-def _trajectory(key: str, name: str, base_dir: Path | None) -> tuple[str, Path]:
+def _found(
+    find: Callable[[str, Path | None], Path], name: str, config: Config, *keys: str | int
+) -> Path:
+    """Return the file of a shipped name or a path; an error names the key and its line."""
     try:
-        return key, trajectory_path(name, base_dir)
-    except ConfigError as error:
-        raise ConfigError(f"{key}: {error}") from error
+        return find(name, config.base_dir)
+    except HriPredictError as error:
+        raise ConfigError(f"{config.place(*keys)}: {error}") from error
 
 
 def _known(config: Config) -> Iterator[tuple[str, Path]]:
     """Return the files that are not found by a path relative to the configuration."""
     base_dir = config.base_dir
-    for robot in config.node.robots:
-        yield f"robots.{escaped(robot.name)}.model", robot_path(robot.model, base_dir)
+    for i, robot in enumerate(config.node.robots):
+        model = _found(robot_path, robot.model, config, "robots", i, "model")
+        yield f"robots.{escaped(robot.name)}.model", model
         for key in ("plan", "file"):
             name = getattr(robot.motion, key, None)
             if name is not None:
-                yield _trajectory(f"robots.{escaped(robot.name)}.motion.{key}", name, base_dir)
-    for link in config.links:
+                path = _found(trajectory_path, name, config, "robots", i, "motion", key)
+                yield f"robots.{escaped(robot.name)}.motion.{key}", path
+    for i, link in enumerate(config.links):
         name = (link.simulate or {}).get("trajectory")
         if isinstance(name, str):
-            yield _trajectory(f"links.{escaped(link.name)}.simulate.trajectory", name, base_dir)
+            path = _found(trajectory_path, name, config, "links", i, "simulate", "trajectory")
+            yield f"links.{escaped(link.name)}.simulate.trajectory", path
     for i, path in enumerate(config.predictor.resolved(base_dir).files()):
         yield f"predictor.weights{f'.{i}' if i else ''}", path
     if config.node.risk.uses_forecasts:

@@ -3,11 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-import yaml
-
-from hri_predict.base.files import load_yaml
 from hri_predict.explaining.counters import AFTER_NS, BEFORE_NS
 from hri_predict.explaining.episodes import WAITING, Episode, level_of
+from hri_predict.explaining.full_speed import enough_m, full_speed, full_speeds
 from hri_predict.explaining.hindsight import hindsight
 from hri_predict.explaining.reason_clause import (
     because,
@@ -25,7 +23,6 @@ from hri_predict.explaining.situation import Situation, nearest_episodes
 from hri_predict.explaining.times import NS, dated, shown
 from hri_predict.explaining.values import listed, mapped, number, text
 from hri_predict.protocol.messages import Level
-from hri_predict.recording import RecordingInfo
 
 TERMS = {
     "s_h": "S_h person's travel until the robot stops",
@@ -57,6 +54,7 @@ def explain(about: Situation) -> dict[str, Any]:
         "detail": text(data.get("detail")),
         "speed_m_s": number(data.get("speed_m_s")),
         "speed_limit_m_s": number(data.get("speed_limit_m_s")),
+        "full_speed_m_s": full_speed(about),
         "age_s": number(data.get("age_s")),
         "also": about.also,
         "people": about.people,
@@ -106,6 +104,7 @@ def separation(about: Situation) -> dict[str, Any] | None:
     unknown.
 
     ``short_m`` is the missing distance; negative if the distance was larger than required.
+    ``full_speed_enough_m``: see ``enough_m``.
     """
     data, grounds = about.advice.data, mapped(about.advice.data.get("grounds"))
     terms = mapped(grounds.get("terms_m"))
@@ -120,8 +119,9 @@ def separation(about: Situation) -> dict[str, Any] | None:
         "separation_m": has_m,
         "nearest_m": number(data.get("separation_m")),
         "predicted_separation_m": number(data.get("predicted_separation_m")),
-        "needed_m": None if needed_m is None else round(needed_m, 4),
+        "needed_m": _rounded(needed_m),
         "short_m": None if has_m is None or needed_m is None else round(needed_m - has_m, 4),
+        "full_speed_enough_m": _rounded(enough_m(about)),
         "speed_m_s": number(data.get("speed_m_s")),
         "limit_m_s": number(data.get("speed_limit_m_s")),
         "reaction_s": number(grounds.get("reaction_s")),
@@ -131,6 +131,10 @@ def separation(about: Situation) -> dict[str, Any] | None:
         "terms_m": {name: number(terms.get(name)) for name in TERMS},
         "protective_m": number(grounds.get("protective_m")),
     }
+
+
+def _rounded(length_m: float | None) -> float | None:
+    return None if length_m is None else round(length_m, 4)
 
 
 def history(about: Situation, episode: Episode) -> dict[str, Any]:
@@ -200,17 +204,3 @@ def listing(episode: Episode, recordings: Recordings) -> dict[str, Any]:
 def is_slowed(found: Mapping[str, Any]) -> bool:
     """Whether an explanation concerns a slowdown or stop."""
     return Level[found["level"]].rank >= Level.SLOW.rank
-
-
-def full_speeds(info: RecordingInfo) -> dict[str, float]:
-    """``max_speed_m_s`` (m/s) of each robot that the recorded configuration names."""
-    try:
-        data = mapped(load_yaml(info.config))
-    except (yaml.YAMLError, ValueError, RecursionError):
-        return {}
-    found = {}
-    for robot in map(mapped, listed(data.get("robots"))):
-        full = number(robot.get("max_speed_m_s"))
-        if full is not None and full > 0:
-            found[text(robot.get("name"))] = full
-    return found

@@ -7,6 +7,7 @@ from itertools import pairwise
 from hri_predict.base.skeleton import CANONICAL, in_words
 from hri_predict.explaining.counters import DAMAGE
 from hri_predict.explaining.episodes import WAITING, robot_of, slows, waits
+from hri_predict.explaining.full_speed import enough_m, full_speed, is_full
 from hri_predict.explaining.situation import Situation, situation
 from hri_predict.explaining.times import NS, AskedTime
 from hri_predict.explaining.values import listed, mapped, metres, number, text, whole
@@ -95,7 +96,7 @@ def needed_by(advice: Told) -> float | None:
 
 def _of_person(about: Situation) -> str:
     """``person 2's right hand was 0.42 m from the forearm; 0.78 m were needed at 0.6 m/s``."""
-    return f"{_whereabouts(about)}; {_needed(about.advice)}{_forecast(about)}"
+    return f"{_whereabouts(about)}; {_needed(about)}{_enough(about)}{_forecast(about)}"
 
 
 def _whereabouts(about: Situation) -> str:
@@ -114,6 +115,8 @@ def _released(about: Situation) -> str:
     if RISING in text(about.advice.data.get("detail")):
         limit = number(about.advice.data.get("speed_limit_m_s")) or 0.0
         waited = f"it could move again, at first slowly: its limit had risen to {limit:.2f} m/s"
+        if is_full(limit, full_speed(about)):
+            waited = f"it could move again: its limit had risen to its full speed, {limit:.2f} m/s"
     else:
         waited = "it waited for new captures to confirm that it may continue"
     given = about.window.advice[about.robot]
@@ -125,19 +128,30 @@ def _released(about: Situation) -> str:
     return f"{waited}; before that: {because(then)} (until {about.clock(causes[-1].utc_ns)})"
 
 
-def _needed(advice: Told) -> str:
-    data = advice.data
+def _needed(about: Situation) -> str:
+    advice, data = about.advice, about.advice.data
     separation, needed = distance_of(advice), needed_by(advice)
     speed, limit = number(data.get("speed_m_s")), number(data.get("speed_limit_m_s"))
+    safe = f"no more than {limit or 0.0:.2f} m/s was safe"
+    if is_full(limit, full_speed(about)):
+        safe = f"its full speed, {limit:.2f} m/s, was safe"
     if separation is None or needed is None or speed is None:
-        return f"no more than {limit or 0.0:.2f} m/s was safe"
+        return safe if limit else "no motion was safe"
     stands = speed < STANDS_M_S
     if needed > separation:
         at = "before the standing robot may start" if stands else f"at {speed:.2f} m/s"
         return f"{needed:.2f} m were needed {at}"
     if not limit:
         return "too near for the standing robot to start" if stands else "too near to keep moving"
-    return f"near enough that no more than {limit:.2f} m/s was safe"
+    return safe if is_full(limit, full_speed(about)) else f"near enough that {safe}"
+
+
+def _enough(about: Situation) -> str:
+    """Return the distance that would have been enough for full speed, if it is known."""
+    enough, has_m = enough_m(about), distance_of(about.advice)
+    if enough is None or has_m is None or has_m >= enough:  # another pair was nearer
+        return ""
+    return f"; {enough:.2f} m are enough for full speed"
 
 
 def _forecast(about: Situation) -> str:
@@ -155,7 +169,7 @@ def _lost(about: Situation) -> str:
     return (
         f"person {person if person is not None else '?'} vanished{since} and may still be here "
         f"(lost): at worst {metres(distance_of(about.advice))} from the {link}; "
-        f"{_needed(about.advice)}"
+        f"{_needed(about)}"
         f"{_forecast(about)}"
     )
 
@@ -253,6 +267,8 @@ def _too_fast(about: Situation) -> str:
 def _pending(about: Situation) -> str:
     if about.advice.data.get("level") == "SLOW":
         waited = "it could move again, at first slowly: the speed limit rose step by step"
+        if is_full(number(about.advice.data.get("speed_limit_m_s")), full_speed(about)):
+            waited = "its limit was its full speed again, and new captures had to confirm it"
     else:
         waited = "it waited for new captures to confirm that it may continue"
     return f"{waited}; before that: {_origin(about)}"

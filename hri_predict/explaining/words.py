@@ -6,6 +6,7 @@ from typing import Any
 
 from hri_predict.base.skeleton import in_words
 from hri_predict.explaining.explanation import TERMS
+from hri_predict.explaining.full_speed import is_full
 from hri_predict.explaining.reason_clause import STANDS_M_S
 from hri_predict.explaining.values import metres
 
@@ -52,7 +53,8 @@ def _paragraphs(found: Mapping[str, Any]) -> Iterator[str]:
 
 def _asked(found: Mapping[str, Any]) -> Iterator[str]:
     limit, speed, age = found["speed_limit_m_s"], found["speed_m_s"], found["age_s"]
-    parts = [f"{found['level']} ({found['reason']})", f"speed limit {limit or 0.0:.2f} m/s"]
+    full = " (its full speed)" if is_full(limit, found["full_speed_m_s"]) else ""
+    parts = [f"{found['level']} ({found['reason']})", f"speed limit {limit or 0.0:.2f} m/s{full}"]
     parts += [] if speed is None else [f"the robot moved at {speed:.2f} m/s"]
     parts += [] if age is None else [f"on a capture {age * 1e3:.0f} ms old"]
     yield "; ".join(parts)
@@ -112,6 +114,12 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
     if found["predicted_separation_m"] is not None:
         meant = "minimum distance to the zones until the robot stops"
         yield _row(meant, found["predicted_separation_m"])
+    if found["full_speed_enough_m"] is not None:
+        yield _row("distance that is enough for full speed", found["full_speed_enough_m"])
+        yield (
+            "  (for people no faster than the standard assumes, with risk.slow_margin_m and "
+            "risk.band_m; the zones may permit full speed nearer)"
+        )
     yield from _standard(found)
 
 
@@ -191,11 +199,13 @@ HEAD = f"{'from':>10} {'for':>8} {'cost':>7}  robot, worst level, why then"
 """Head of a list of episodes; ``cost`` is lost working time."""
 
 
-def line_of(episode: Mapping[str, Any], width: int = 80) -> str:
-    """Return an episode as one line of a list."""
+def line_of(episode: Mapping[str, Any], width: int | None = None) -> str:
+    """Return an episode as one line of a list; ``width``: cut it there, ``None``: nowhere."""
     lasted = f"{episode['seconds']:.1f} s" + ("" if episode["is_over"] else "+")
     cost = "-" if episode["lost_s"] is None else f"{episode['lost_s']:.1f} s"
     head = f"{episode['from']:>10} {lasted:>8} {cost:>7}  "
     head += f"{episode['robot']} {episode['level']:<7} "
+    if width is None:
+        return head + str(episode["why"])
     room = max(20, width - len(head))
     return head + textwrap.shorten(episode["why"], room, placeholder=" …")

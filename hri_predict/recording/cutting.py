@@ -9,6 +9,9 @@ from hri_predict.base.errors import RecordingError
 from hri_predict.contracts.scene import Scene
 from hri_predict.recording.recording import Recording
 
+_LEAST_SHARE = 0.5
+"""Share of scenes with people to keep when scenes are dropped, of their share in the recording."""
+
 
 def between(recording: Recording, start_s: float, end_s: float | None) -> Recording:
     """Return the part from ``start_s`` to ``end_s`` after the first arrival, with its messages.
@@ -38,6 +41,8 @@ def decimated(recording: Recording, rate_hz: float) -> Recording:
     """Drop scenes to reduce the rate to ``rate_hz`` as closely as possible.
 
     In each span of 1 / ``rate_hz``, the scene nearest to the middle is kept; sequences count spans.
+    Spans begin at the first scene, or at a later one if otherwise most scenes with people would be
+    dropped, as in a recording with people in every second scene only.
 
     Raises:
         RecordingError: the recording's own rate is lower.
@@ -49,19 +54,32 @@ def decimated(recording: Recording, rate_hz: float) -> Recording:
             f"recording {recording.path}: {rate_hz:g} per second is above its own "
             f"{recording.rate_hz:g}; frames are dropped, never invented"
         )
-    nearest: dict[int, tuple[float, int]] = {}
     times_ns = true_times(recording)
-    for k, ns in enumerate(times_ns):
-        place = (ns - times_ns[0]) * 1e-9 * rate_hz
-        away = abs(place - round(place))
-        if away < nearest.get(round(place), (math.inf, 0))[0]:
-            nearest[round(place)] = away, k
-    kept = sorted((k, slot) for slot, (_, k) in nearest.items())
+    kept = _nearest(times_ns, rate_hz, times_ns[0])
+    with_people = [any(p.observed.any() for p in scene.people) for scene in recording.scenes]
+
+    def share(kept: Sequence[tuple[int, int]]) -> float:
+        return sum(with_people[k] for k, _ in kept) / len(kept)
+
+    if share(kept) < _LEAST_SHARE * sum(with_people) / len(with_people):
+        first = [ns for ns in times_ns if (ns - times_ns[0]) * 1e-9 * rate_hz < 1]
+        kept = max((_nearest(times_ns, rate_hz, ns) for ns in first), key=share)
     chosen = _chosen(recording, [k for k, _ in kept])
     numbered = [
         replace(scene, sequence=slot) for scene, (_, slot) in zip(chosen.scenes, kept, strict=True)
     ]
     return replace(chosen, scenes=numbered, rate_hz=rate_hz)
+
+
+def _nearest(times_ns: Sequence[int], rate_hz: float, start_ns: int) -> list[tuple[int, int]]:
+    """Return the scene nearest to the middle of each span from ``start_ns``, and its number."""
+    nearest: dict[int, tuple[float, int]] = {}
+    for k, ns in enumerate(times_ns):
+        place = (ns - start_ns) * 1e-9 * rate_hz
+        away = abs(place - round(place))
+        if ns >= start_ns and away < nearest.get(round(place), (math.inf, 0))[0]:
+            nearest[round(place)] = away, k
+    return sorted((k, slot) for slot, (_, k) in nearest.items())
 
 
 def of_person(recording: Recording, person: int) -> tuple[Recording, int]:

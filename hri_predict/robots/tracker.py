@@ -102,7 +102,7 @@ class RobotTracker:
         counters: in addition, ``velocity_wrong``, ``jumped``, ``miscounted`` and ``frozen``.
 
     Raises:
-        RobotError: the trajectory or the standing position does not fit the robot.
+        RobotError: the trajectory or the standing position does not fit; starts with its key.
     """
 
     def __init__(
@@ -141,9 +141,9 @@ class RobotTracker:
         if isinstance(motion, StandingMotion):
             self._standing = standing_at(motion, model, settings.name)
         elif isinstance(motion, TrajectoryMotion):
-            self.plan = self._planned(motion.file, base_dir)
+            self.plan = self._planned(motion.file, base_dir, "motion.file")
         elif motion.plan is not None:
-            self.plan = self._planned(motion.plan, base_dir)
+            self.plan = self._planned(motion.plan, base_dir, "motion.plan")
 
     def update(self, state: RobotState, received_ns: int, link: str = "") -> None:
         """Process a RobotState.
@@ -379,14 +379,14 @@ class RobotTracker:
         self._place_s = found.phase_s if found is not None and near else None
         return self._place_s
 
-    def _planned(self, file: str, base_dir: Path | None) -> Plan:
-        trajectory = load_trajectory(file, self.model, base_dir, "robots: motion.plan")
+    def _planned(self, file: str, base_dir: Path | None, key: str) -> Plan:
+        trajectory = load_trajectory(file, self.model, base_dir, key)
         peak = trajectory.peak_tip_speed(self.model)
         if peak > self.settings.max_speed_m_s:
             raise RobotError(
-                f"robot '{self.settings.name}': its fastest point reaches {peak:.3g} m/s on "
-                f"trajectory '{file}', above max_speed_m_s {self.settings.max_speed_m_s:g}; raise "
-                "max_speed_m_s, or slow the trajectory down"
+                f"{key}: robot '{self.settings.name}' reaches {peak:.3g} m/s at its fastest point "
+                f"on trajectory '{file}', above max_speed_m_s {self.settings.max_speed_m_s:g}; "
+                "raise max_speed_m_s, or slow the trajectory down"
             )
         return Plan(trajectory, self.model)
 

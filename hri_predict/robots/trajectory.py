@@ -156,15 +156,14 @@ def standing_at(motion: StandingMotion, model: RobotModel, name: str) -> Floats:
     """
     if len(motion.positions) != model.dof:
         raise RobotError(
-            f"robot '{name}': motion.positions has {len(motion.positions)} values, but the robot "
-            f"has {model.dof} joints; give one for each of "
-            f"{', '.join(model.joint_names)}"
+            f"motion.positions: {len(motion.positions)} values, but robot '{name}' has "
+            f"{model.dof} joints; give one for each of {', '.join(model.joint_names)}"
         )
     q = np.array(motion.positions)
     outside = np.flatnonzero((q < model.position_min) | (q > model.position_max))
     if outside.size:
         j = outside[0]
-        raise RobotError(f"robot '{name}': motion.positions: {_outside(model, int(j), q[j])}")
+        raise RobotError(f"motion.positions: robot '{name}': {_outside(model, int(j), q[j])}")
     return q
 
 
@@ -172,12 +171,9 @@ def trajectory_path(file: str, base_dir: Path | None) -> Path:
     """Return the trajectory's file, which may not exist if ``file`` is a path.
 
     Raises:
-        RobotError: no trajectory of this name is shipped.
+        ConfigError: no trajectory of this name is shipped.
     """
-    try:
-        return shipped_path("trajectory", "trajectories", file, base_dir)
-    except ConfigError as error:
-        raise RobotError(str(error)) from error
+    return shipped_path("trajectory", "trajectories", file, base_dir)
 
 
 def _outside(model: RobotModel, j: int, position: float) -> str:

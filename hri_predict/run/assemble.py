@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hri_predict.base.clock import Clock
-from hri_predict.base.errors import ConfigError, ConfigMistakes, RobotError
+from hri_predict.base.errors import ConfigError
 from hri_predict.base.machine.realtime import can_have_process
 from hri_predict.base.settings import Region
 from hri_predict.contracts import registry
@@ -38,6 +38,7 @@ from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.run.advised import advised, of_robots
 from hri_predict.run.config import Config
+from hri_predict.run.each_robot import each_robot
 from hri_predict.run.places import check_places
 from hri_predict.run.ticks import phase_of
 from hri_predict.zones.calibration import Calibration, calibration_for
@@ -64,7 +65,7 @@ class Assembly:
 def build_source(config: Config, with_faults: bool = True) -> Source:
     """Build the configured source, wrapped in the configured faults."""
     cls = registry.load("sources", config.source.kind)
-    with registry.building(f"source '{config.source.kind}'"):
+    with config.naming_lines(), registry.building(f"source '{config.source.kind}'"):
         source = cls(config.source, config.base_dir)
     if isinstance(source, MergedSource):
         source.judge_by(config.node.people)
@@ -80,7 +81,8 @@ def build_again(config: Config, source: Source) -> Source:
 
 def build_predictor(config: Config) -> Predictor:
     """Build the configured predictor."""
-    return predictor_of(config.predictor.resolved(config.base_dir))
+    with config.naming_lines():
+        return predictor_of(config.predictor.resolved(config.base_dir))
 
 
 def build_prediction(config: Config) -> Prediction:
@@ -118,19 +120,20 @@ def build_robots(config: Config) -> tuple[RobotModel, ...]:
     Raises:
         RobotError, ConfigMistakes: one or several robots are wrong; one line for each.
     """
-    robots, wrong = [], []
-    for index, settings in enumerate(config.node.robots):
-        try:
-            robots.append(load_robot(settings, config.base_dir))
-        except RobotError as error:
-            key = str(error).partition(":")[0]
-            rest = str(error).removeprefix(key)
-            wrong.append(RobotError(f"{config.place('robots', index, key)}{rest}"))
-    if len(wrong) == 1:
-        raise wrong[0]
-    if wrong:
-        raise ConfigMistakes(map(str, wrong))
-    return tuple(robots)
+    return each_robot(config, lambda _, own: load_robot(own, config.base_dir))
+
+
+def build_trackers(
+    config: Config, models: Sequence[RobotModel], start_ns: int
+) -> tuple[RobotTracker, ...]:
+    """Return a new tracker of each robot.
+
+    Raises:
+        RobotError, ConfigMistakes: one or several motions do not fit; one line for each.
+    """
+    return each_robot(
+        config, lambda i, own: RobotTracker(own, models[i], config.base_dir, start_ns)
+    )
 
 
 def build_people(config: Config, source: Source, predictor: Predictor) -> People:
@@ -196,7 +199,8 @@ def build_calibration(config: Config) -> Calibration | None:
     if not config.node.risk.uses_forecasts:
         return None
     settings = config.predictor.resolved(config.base_dir)
-    return calibration_for(settings, config.node.risk.coverage, config.base_dir)
+    with config.naming_lines():
+        return calibration_for(settings, config.node.risk.coverage, config.base_dir)
 
 
 def unused_coverage(config: Config) -> str:
@@ -342,10 +346,7 @@ def build(
         prediction = PredictionRunner(build_predictor(config), deadline_s)
     robots = build_robots(config)
     check_places(config, robots)
-    trackers = tuple(
-        RobotTracker(settings, model, config.base_dir, clock.now_ns())
-        for settings, model in zip(node.robots, robots, strict=True)
-    )
+    trackers = build_trackers(config, robots, clock.now_ns())
     prediction.wait_until_ready()
     predictor = prediction.predictor
     people = build_people(config, source, predictor)

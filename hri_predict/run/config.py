@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import Field
 
 from hri_predict.base.errors import ConfigError, HriPredictError, nearest, nearest_file
-from hri_predict.base.files import data_path, line_of, read_text, read_yaml
+from hri_predict.base.files import data_path, line_of, load_yaml, read_text, read_yaml
 from hri_predict.base.machine.realtime import RealtimeSettings
 from hri_predict.base.quantities.whole import whole
 from hri_predict.base.settings import Abbreviated, name_problem, validated
@@ -30,7 +30,7 @@ from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
-from hri_predict.run.mistakes import Mistakes, place
+from hri_predict.run.mistakes import Keys, Mistakes, place, scalars
 from hri_predict.run.rates import RateSettings
 
 MAX_ROBOTS = 8
@@ -42,6 +42,8 @@ people, and 2 ms with eight (measured: 200 zones of 4 to 12 corners in a room of
 
 
 _KEYS = re.compile(r"[a-z_]+(\.\w+)*")
+_FILES = ("path", "joint_map", "weights", "calibration", "table", "file", "folder", "report")
+"""Keys whose values are files or shipped names. Robots name their own (``each_robot``)."""
 
 
 class CommissioningSettings(Abbreviated):
@@ -142,6 +144,7 @@ class Config:
         """Prefix file and line to an error that starts with a key of this configuration.
 
         Errors found after validation (a forecast too short, an exit too near) contain only the key.
+        An error about a file that this configuration names gets the key, too.
         """
         try:
             yield
@@ -155,7 +158,17 @@ class Config:
                     named[1] = str(links.index(named[1]))
                 way = [key if (number := whole(key)) is None else number for key in named]
                 error.args = (f"{self.path}:{line_of(self.text, way)}: {said}",)
+            elif not said.startswith(str(self.path)) and (file := self._key_of_file(said)):
+                error.args = (f"{self.place(*file)}: {said}",)
             raise
+
+    def _key_of_file(self, said: str) -> Keys | None:
+        """Return the key of the file, or of the shipped name, that an error is about."""
+        for keys, value in scalars(load_yaml(self.text)):
+            names_file = next((k for k in reversed(keys) if isinstance(k, str)), "") in _FILES
+            if names_file and re.search(rf"(?<![\w.-]){re.escape(value)}(?![\w.-])", said):
+                return keys
+        return None
 
     def with_node(self, **changes: Any) -> "Config":
         """Return this configuration with some blocks changed; they are not validated."""

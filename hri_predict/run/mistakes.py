@@ -1,5 +1,6 @@
 """All mistakes of a configuration, each with its line in the file."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,6 +21,15 @@ def place(path: Path, text: str, keys: Keys) -> str:
     """Return the location of ``keys`` in the file's text: ``cell.yaml:17: robots.0.name``."""
     at = f"{path}:{line_of(text, keys)}"
     return f"{at}: {'.'.join(map(str, keys))}" if keys else at
+
+
+def scalars(data: Any, keys: Keys = ()) -> Iterator[tuple[Keys, str]]:
+    """Yield each text in the data of a YAML file, with its keys."""
+    if isinstance(data, str):
+        yield keys, data
+    elif isinstance(data, dict | list):
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from scalars(value, (*keys, key))
 
 
 class Mistakes:

@@ -11,8 +11,10 @@ from hri_predict.recording import RecordingInfo
 from hri_predict.recording.folder.folder import Folder
 from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.recording.mcap.clocks import Clocks, SystemClocks, VirtualClocks
+from hri_predict.recording.mcap.info import FullSpeed
 from hri_predict.recording.mcap.places import OneFile, RecordingFiles, beside
-from hri_predict.run.assemble import Assembly
+from hri_predict.risk.robot_constants import worst_distance
+from hri_predict.run.assemble import Assembly, build_budget
 from hri_predict.run.config import Config
 from hri_predict.run.coverage import zones_text
 
@@ -94,7 +96,24 @@ def info_of(config: Config, source: Source, assembly: Assembly) -> RecordingInfo
         forecast_rate_hz=config.predictor.rate_hz,
         coverage=zones_text(config),
         last_latch_id=assembly.last_latch_id,
+        full_speed=_full_speed(config, source, assembly),
     )
+
+
+def _full_speed(config: Config, source: Source, assembly: Assembly) -> dict[str, FullSpeed]:
+    """Return the distance that is enough for each robot's full speed by the standard.
+
+    Modes ``fixed`` and ``reactive`` do not apply the standard's distance.
+    """
+    risk, budget = config.node.risk, build_budget(config, source)
+    if risk.mode not in ("iso", "predictive", "hybrid"):
+        return {}
+    margins_m = risk.slow_margin_m + risk.band_m + max(risk.region_margins_m.values(), default=0.0)
+    worst = {
+        settings.name: worst_distance(risk, settings, model, budget)
+        for settings, model in zip(config.node.robots, assembly.robots, strict=True)
+    }
+    return {name: FullSpeed(each.total + margins_m, each.z_r) for name, each in worst.items()}
 
 
 def _refuse_input(config: Config, path: Path) -> None:

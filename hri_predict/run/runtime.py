@@ -20,6 +20,8 @@ from hri_predict.base.clock import VirtualClock
 from hri_predict.base.errors import MachineError, failure
 from hri_predict.base.machine.asleep import Asleep
 from hri_predict.base.machine.realtime import settle, steady
+from hri_predict.contracts import registry
+from hri_predict.contracts.scene import Scene
 from hri_predict.contracts.source import NOT_KNOWN_NS, live_part, wait_for
 from hri_predict.node.repeats import NEVER_NS
 from hri_predict.operation.monitoring.pace import Pace
@@ -81,7 +83,7 @@ def run_real_time(
         # before the first deadline, because a collection takes long
         with _quiet_collector(), contextlib.ExitStack() as last:
             start_ns = clock.now_ns()
-            with ended_by_signals(stop):
+            with ended_by_signals(stop), _source_named(assembly):
                 assembly.source.open(start_ns)
             run = _RealTime(assembly, pace, _ticks(assembly, start_ns), stop)
             feeder = threading.Thread(target=run.feed, name="source", daemon=True)
@@ -201,6 +203,36 @@ class _RealTime:
                 clock.wait_until(clock.now_ns() + SOURCE_RETRY_NS, stop)
 
 
+def _source_named(assembly: Assembly) -> contextlib.AbstractContextManager[None]:
+    """Report in one line that the source failed, and what it said."""
+    kind = assembly.config.source.kind
+    return registry.calling(f"source '{kind}' failed", "correct it, its settings or its input")
+
+
+@dataclass(frozen=True, slots=True)
+class _OneThread:
+    """The source on the virtual clock. Its failure ends the run: unlike a live source, it would
+    fail again in the same place.
+
+    Raises:
+        ConfigError: any method; names the source and what it said.
+    """
+
+    assembly: Assembly
+
+    def open(self, start_ns: int) -> None:
+        with _source_named(self.assembly):
+            self.assembly.source.open(start_ns)
+
+    def next_ns(self) -> int | None:
+        with _source_named(self.assembly):
+            return self.assembly.source.next_ns()
+
+    def poll(self, now_ns: int) -> Scene | None:
+        with _source_named(self.assembly):
+            return self.assembly.source.poll(now_ns)
+
+
 def run_virtual(
     assembly: Assembly,
     beside: Stepped | None = None,
@@ -209,6 +241,9 @@ def run_virtual(
 ) -> Pace:
     """Step everything on the virtual clock until the source is exhausted or ``duration_s`` has
     passed.
+
+    Raises:
+        ConfigError: the source failed; one line with what it said.
     """
     pace = Pace()
     with _quiet_collector(first=False):  # nothing is late on a virtual clock
@@ -230,12 +265,13 @@ def step_all(
     clock, node = assembly.clock, assembly.node
     assert isinstance(clock, VirtualClock)
     start_ns = clock.now_ns()
-    assembly.source.open(start_ns)
+    source = _OneThread(assembly)
+    source.open(start_ns)
     end_ns = None if duration_s is None else start_ns + round(duration_s * 1e9)
     ticks = _ticks(assembly, start_ns)
     node.announce(start_ns, NodeState.STARTING, Reason.STARTING)
     while True:
-        source_ns = assembly.source.next_ns()
+        source_ns = source.next_ns()
         if source_ns is None and duration_s is None:
             break
         beside_ns = beside.next_ns() if beside is not None else None
@@ -247,10 +283,10 @@ def step_all(
             break
         clock.advance_to(now_ns)
         if source_ns is not None and source_ns <= now_ns:
-            while (scene := assembly.source.poll(now_ns)) is not None:
+            while (scene := source.poll(now_ns)) is not None:
                 node.receive(scene, now_ns)
                 ticks.captured()
-            if assembly.source.next_ns() == source_ns:  # no scene: poll again at the next tick
+            if source.next_ns() == source_ns:  # no scene: poll again at the next tick
                 due_ns = ticks.due_ns
                 clock.advance_to(min(due_ns, repeat_ns, due_ns if beside_ns is None else beside_ns))
         if beside is not None and beside_ns is not None and beside_ns <= now_ns:

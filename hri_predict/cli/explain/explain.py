@@ -100,9 +100,14 @@ def _about(recordings: Recordings, at: AskedTime, robot: str | None, following: 
     return situation(recordings, AskedTime(after.worst.first.utc_ns, 1), about.robot)
 
 
-def _width(most: int = 100) -> int:
-    """Return the terminal's width; prose wider than 100 characters is hard to read."""
-    return max(40, min(most, shutil.get_terminal_size((80, 24)).columns))
+def _width() -> int:
+    """Return the width for prose; more than 100 characters are hard to read."""
+    return max(40, min(100, shutil.get_terminal_size((80, 24)).columns))
+
+
+def _list_width() -> int | None:
+    """Return the terminal's width; ``None``: a pipe or file has none, and gets whole lines."""
+    return max(40, shutil.get_terminal_size((80, 24)).columns) if sys.stdout.isatty() else None
 
 
 def _print(found: dict[str, Any], recording: Path) -> None:
@@ -118,7 +123,7 @@ def _print(found: dict[str, Any], recording: Path) -> None:
             print(f"{words}: none")
         else:
             print(f"{words}:")
-            print(line_of(episode, _width()))
+            print(line_of(episode, _list_width()))
             print(f"  hri-predict explain {shlex.quote(str(recording))} --at {episode['at']}")
 
 
@@ -147,7 +152,7 @@ def _list(
         if recordings.info.has_utc and row["at"][:10] != day:
             day = row["at"][:10]
             print(f"{day}, UTC")
-        print(line_of(row, _width(1000)))
+        print(line_of(row, _list_width()))
     if not rows:
         print("no slowdown and no stop was recorded" + (f" for {robot}" if robot else ""))
     for note in recordings.notes:

@@ -15,7 +15,7 @@ from hri_predict.explaining.episodes import (
     lost_s,
     robot_of,
 )
-from hri_predict.explaining.explanation import full_speeds
+from hri_predict.explaining.full_speed import full_speeds
 from hri_predict.explaining.reason_clause import brief, link_of, part_of, reason_text
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.shift.foresight import Foresight

@@ -20,6 +20,7 @@ from hri_predict.lab.datasets.corruption import Corruption
 from hri_predict.lab.evaluation.recordings import judge_one
 from hri_predict.lab.evaluation.windows import RATE_HZ, read_motions
 from hri_predict.lab.training import runs as runs_of
+from hri_predict.lab.training.checkpoint import check_writable
 from hri_predict.lab.training.config import TrainingConfig, load_training_config
 from hri_predict.lab.training.stopping import told_to_stop
 from hri_predict.lab.training.windows.augment import AugmentSettings
@@ -147,14 +148,27 @@ def ablate(config: TrainingConfig) -> str:
         KeyboardInterrupt: the run is saved; the same call continues.
         HriPredictError: a recording cannot be read, or a file cannot be written.
     """
-    rows = {}
-    for name, run in runs(config).items():
+    rows, asked = {}, runs(config)
+    check_table(config.out)
+    for name, run in asked.items():
         with told_to_stop() as stop:
             weights = trained(run, stop)
         rows[name] = judged(run, weights)
     text = table(rows)
     write_table(config.out, text)
     return text
+
+
+def check_table(folder: Path) -> None:
+    """Fail before hours of training if the runs and the table could not be written.
+
+    Raises:
+        ConfigError: they cannot be written.
+    """
+    check_writable(folder)
+    path = folder / "ablation.md"
+    if path.exists() and not path.is_file():
+        raise ConfigError(f"{path}: cannot be written: not a file; remove it, or change --out")
 
 
 def write_table(folder: Path, text: str) -> None:

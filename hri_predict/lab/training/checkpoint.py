@@ -9,6 +9,7 @@ import errno
 import hashlib
 import io
 import os
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -42,14 +43,53 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
     except (OSError, RuntimeError) as error:  # torch's writer turns a full disk into RuntimeError
         with contextlib.suppress(OSError):
             part.unlink()
-        reason, remedy = "it was cut short", "free some room, or choose another 'out'"
-        if isinstance(error, OSError):
-            reason = error.strerror or reason
-            if error.errno not in _NO_ROOM:
-                remedy = "choose another 'out'"
-            if isinstance(error, FileExistsError):  # from mkdir
-                reason = f"{path.parent} is not a folder"
-        raise ConfigError(f"checkpoint {path}: cannot be written: {reason}; {remedy}") from error
+        raise _unwritable(path, error) from error
+
+
+def check_folder(folder: Path, resume: bool) -> None:
+    """Fail before the data are read, which takes minutes, if the folder does not suit the run.
+
+    Raises:
+        ConfigError: it cannot be written, it holds a run that is not resumed, or none to resume.
+    """
+    path = folder / "last.pt"
+    has_run = os.path.exists(path)  # takes names that are too long
+    if has_run and not resume:
+        raise ConfigError(
+            f"{folder}: holds a run; --resume continues it, another --out starts a new one"
+        )
+    if resume and not has_run:
+        raise _missing(path)
+    check_writable(folder)
+
+
+def check_writable(folder: Path) -> None:
+    """Create a folder and check that files can be written into it.
+
+    Raises:
+        ConfigError: they cannot.
+    """
+    path = folder / "last.pt"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError | RuntimeError) -> ConfigError:
+    reason, remedy = "it was cut short", "free some room, or choose another 'out'"
+    if isinstance(error, OSError):
+        reason = error.strerror or reason
+        if error.errno not in _NO_ROOM:
+            remedy = "choose another 'out'"
+        if isinstance(error, FileExistsError):  # from mkdir
+            reason = f"{path.parent} is not a folder"
+    return ConfigError(f"checkpoint {path}: cannot be written: {reason}; {remedy}")
+
+
+def _missing(path: Path) -> ConfigError:
+    return ConfigError(f"checkpoint {path}: no such file; start the run without --resume")
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:
@@ -63,9 +103,7 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
         payload = _unsealed(path, path.read_bytes())
         state = torch.load(io.BytesIO(payload), map_location="cpu", weights_only=True)
     except FileNotFoundError as error:
-        raise ConfigError(
-            f"checkpoint {path}: no such file; start the run without --resume"
-        ) from error
+        raise _missing(path) from error
     except ConfigError:
         raise
     except Exception as error:  # torch.load's failures have no common base

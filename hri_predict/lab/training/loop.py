@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import subprocess
 import time
 from collections.abc import Callable
@@ -15,7 +14,8 @@ import torch
 from torch import Tensor
 
 from hri_predict.base.errors import ConfigError, HriPredictError
-from hri_predict.lab.training.checkpoint import load_checkpoint, save_checkpoint
+from hri_predict.lab.training.checkpoint import check_folder, load_checkpoint, save_checkpoint
+from hri_predict.lab.training.code import codes_of, refuse_other_code
 from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.processes import Processes
@@ -153,6 +153,7 @@ class Run:
         torch.manual_seed(config.train.seed + processes.rank)  # dropout differs between processes
         self.progress = Progress()
         self.fingerprint = fingerprint(source)
+        self.code = codes_of(config)
         self.commit = commit()  # read now: somebody may commit during the run
         self.weights = config.out / f"{config.predictor}.safetensors"
         self._clock = self._saved = time.monotonic()
@@ -167,11 +168,8 @@ class Run:
         """
         if resume:
             self._resume()
-        elif os.path.exists(self.config.out / "last.pt"):  # takes names that are too long
-            raise ConfigError(
-                f"{self.config.out}: holds a run; --resume continues it, another --out starts a "
-                "new one"
-            )
+        else:
+            check_folder(self.config.out, resume)
         self.processes.every(torch.zeros(1))  # no process writes before all have checked
         progress, settings = self.progress, self.settings
         if not resume:
@@ -312,6 +310,7 @@ class Run:
         state = {
             "config": self.config.model_dump_json(),
             "data_fingerprint": self.fingerprint,
+            "code": json.dumps(self.code),
             "progress": json.dumps(self.progress.model_dump()),
             "optimisation": self.optimisation.state(),
             "numpy": json.dumps(self.rng.bit_generator.state),
@@ -328,6 +327,7 @@ class Run:
         try:
             was = TrainingConfig.model_validate_json(state["config"])
             self._refuse_another(path, was, state["data_fingerprint"])
+            refuse_other_code(path, json.loads(state.get("code", "null")), self.code)
             self.progress = read_progress(path, state, self.settings)
             demand_best_weights(self.weights, self.progress)
             self.optimisation.restore(state["optimisation"], self.progress.step)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hri_predict.base.files import data_path
-from hri_predict.lab.training.ablation import trained, write_table
+from hri_predict.lab.training.ablation import check_table, trained, write_table
 from hri_predict.lab.training.config import TrainingConfig, load_training_config
 from hri_predict.lab.training.stopping import told_to_stop
 from hri_predict.predictors.neural.weights import read_header
@@ -128,6 +128,7 @@ def ablate(paper: str, data: str, out: Path, changes: list[str]) -> str:
         HriPredictError: a recording cannot be read, or a file cannot be written.
     """
     asked = configurations(paper, data, out, changes)
+    check_table(out)
     switches, (first, *_) = PAPERS[paper], asked.values()
     heads = [f"{ms} ms" for ms in _FRAMES]
     lines = [

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import load_yaml, read_text
 from hri_predict.base.settings import Settings, validated
-from hri_predict.lab.training.checkpoint import load_checkpoint
+from hri_predict.lab.training.checkpoint import check_folder, load_checkpoint
 from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.loop import Epoch, Result, Run
 from hri_predict.lab.training.parts import part
@@ -64,6 +64,20 @@ def begun(config: TrainingConfig) -> bool:
     return os.path.exists(config.out / "last.pt")  # takes names that are too long
 
 
+def check_run_folder(config: TrainingConfig, resume: bool) -> None:
+    """Fail before the data are read, which takes minutes, if the run's folder does not suit it.
+
+    Raises:
+        ConfigError: see ``check_folder``; or the log's place is taken.
+    """
+    check_folder(config.out, resume)
+    log = config.out / "log"
+    if os.path.exists(log) and not log.is_dir():
+        raise ConfigError(
+            f"{log}: is a file, but the log needs a folder; remove it, or choose another 'out'"
+        )
+
+
 def state(config: TrainingConfig) -> str:
     """The state of its run: ``new``, a percentage, or ``done``."""
     if not begun(config):
@@ -83,6 +97,7 @@ def trained(
     command: str | None = None,
 ) -> Result:
     """Train one configuration until one of its endings; see ``loop.Run``."""
+    check_run_folder(config, resume)
     source = open_samples(config)
     network = build_network(config, source)
     with training_view(config) as view:
@@ -248,16 +263,7 @@ class TrainingView:
 
 @contextmanager
 def training_view(config: TrainingConfig) -> Iterator[TrainingView]:
-    """A view that is always closed at the end.
-
-    Raises:
-        ConfigError: the log cannot be written.
-    """
-    log = config.out / "log"
-    if os.path.exists(log) and not log.is_dir():  # reported before anything is written
-        raise ConfigError(
-            f"{log}: is a file, but the log needs a folder; remove it, or choose another 'out'"
-        )
+    """A view that is always closed at the end."""
     console = Console(stderr=True)
     bar = None
     if console.is_terminal:

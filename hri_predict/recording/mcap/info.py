@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, field
 
 import numpy as np
 
@@ -19,6 +19,21 @@ FORMAT_VERSION = "2"
 READABLE = ("1", "2")
 LIBRARY = "hri-predict"
 METADATA = "hri_predict"
+
+
+@dataclass(frozen=True, slots=True)
+class FullSpeed:
+    """Distance from people at which a robot may run at full speed.
+
+    Attributes:
+        enough_m: enough by the standard, with the longest delay and all margins, for people at a
+            measured speed that it assumes; the zones may permit full speed nearer.
+        z_r_m: the uncertainty Z_r of the robot's position in it, at rest. A moving robot's may be
+            greater, and adds to ``enough_m``.
+    """
+
+    enough_m: float
+    z_r_m: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +56,8 @@ class RecordingInfo:
         coverage: basis of its zones, in words; "" in recordings of older versions.
         last_latch_id: the number before the first that an Acknowledge may name in it, so that a
             replay gives the same; ``None`` in recordings of older versions.
+        full_speed: by name, of each robot that the standard's distance may release; empty in
+            recordings of older versions.
     """
 
     joint_map: JointMap
@@ -56,6 +73,7 @@ class RecordingInfo:
     coverage: str = ""
     in_room: bool = True
     last_latch_id: int | None = None
+    full_speed: Mapping[str, FullSpeed] = field(default_factory=dict)
 
     def to_metadata(self) -> dict[str, str]:
         """As MCAP metadata: strings only."""
@@ -78,6 +96,7 @@ class RecordingInfo:
             "forecast_rate_hz": repr(self.forecast_rate_hz),
             "coverage": self.coverage,
             "last_latch_id": json.dumps(self.last_latch_id),
+            "full_speed": json.dumps({k: astuple(v) for k, v in self.full_speed.items()}),
         } | ({} if self.in_room else {"in_room": "false"})
 
     @classmethod
@@ -110,6 +129,7 @@ class RecordingInfo:
                 coverage=metadata.get("coverage", ""),
                 in_room=metadata.get("in_room") != "false",
                 last_latch_id=_number(metadata.get("last_latch_id", "null")),
+                full_speed=_full_speed(metadata),
             )
         except (KeyError, ValueError, TypeError, OverflowError, RecursionError) as error:
             raise RecordingError(f"its metadata are damaged ({error}); record it again") from error
@@ -118,6 +138,16 @@ class RecordingInfo:
 def _number(text: str) -> int | None:
     number = json.loads(text)
     return None if number is None else int(number)
+
+
+def _full_speed(metadata: Mapping[str, str]) -> dict[str, FullSpeed]:
+    found = {
+        str(name): FullSpeed(float(enough_m), float(z_r_m))
+        for name, (enough_m, z_r_m) in dict(json.loads(metadata.get("full_speed", "{}"))).items()
+    }
+    if not all(math.isfinite(each.enough_m) and each.z_r_m >= 0 for each in found.values()):
+        raise ValueError("full_speed")
+    return found
 
 
 def _robots(metadata: Mapping[str, str]) -> tuple[tuple[str, tuple[str, ...]], ...]:

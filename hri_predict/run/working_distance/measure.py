@@ -112,10 +112,7 @@ class Situation:
 
     def trackers(self, start_ns: int) -> list[RobotTracker]:
         """Return new trackers of all robots."""
-        return [
-            RobotTracker(settings, model, self.config.base_dir, start_ns)
-            for settings, model in zip(self.config.node.robots, self.models, strict=True)
-        ]
+        return list(assemble.build_trackers(self.config, self.models, start_ns))
 
     def zones(self, seen: Seen) -> list[BodyZones]:
         """Return the zones (K) of people, in their own frame."""

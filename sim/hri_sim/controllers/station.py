@@ -245,7 +245,7 @@ class Station(Generic[U]):
         self._requests = Requests(post.settings.requests)
         self._arm: SimulatedArm | None = None
         if post.settings.role == "drive":
-            drive = post.drive or _drive(post.settings, post.robot, post.base_dir)
+            drive = post.drive or _drive(post.link, post.settings, post.robot, post.base_dir)
             self._brakes = Brakes(drive, post.settings.deceleration, post.full_speed_m_s)
             before = wiring.truth()  # a restarted drive finds the arm where it stopped
             self._arm = SimulatedArm(
@@ -310,14 +310,17 @@ def _check_tools(settings: ControllerSettings, robot: RobotSettings, where: str)
             )
 
 
-def _trajectory_of(settings: ControllerSettings, robot: RobotSettings) -> str:
+def _trajectory_of(
+    link: LinkSettings, settings: ControllerSettings, robot: RobotSettings
+) -> tuple[str, str]:
+    """Return the trajectory of a drive, and the key that names it."""
+    key = f"links.{link.name}.simulate.trajectory"
     if settings.trajectory is not None:
-        return settings.trajectory
+        return settings.trajectory, key
     if isinstance(robot.motion, TrajectoryMotion):
-        return robot.motion.file
+        return robot.motion.file, f"robots: motion.file of robot {robot.name}"
     raise ConfigError(
-        f"robot '{robot.name}': its drive has no trajectory; add 'trajectory' to the link's "
-        "'simulate', such as pick_and_place"
+        f"{key}: missing; name the path that robot '{robot.name}' follows, such as pick_and_place"
     )
 
 
@@ -335,13 +338,15 @@ def _only_drive(
             f"links: robot '{robot.name}' has {len(drives)} simulated drives; give it exactly one "
             "link with 'simulate: {role: drive}', the others role: monitor"
         )
-    return _drive(drives[0][1], robot, base_dir)
+    return _drive(*drives[0], robot, base_dir)
 
 
-def _drive(settings: ControllerSettings, robot: RobotSettings, base_dir: Path | None) -> Drive:
+def _drive(
+    link: LinkSettings, settings: ControllerSettings, robot: RobotSettings, base_dir: Path | None
+) -> Drive:
     model = load_robot(robot, base_dir)
-    key = f"links: simulate.trajectory (or motion.plan) of robot {robot.name}"
-    return Drive(model, load_trajectory(_trajectory_of(settings, robot), model, base_dir, key))
+    trajectory, key = _trajectory_of(link, settings, robot)
+    return Drive(model, load_trajectory(trajectory, model, base_dir, key))
 
 
 def at_far_end(

@@ -183,7 +183,4 @@ class Cell:
 
     def trackers(self, clock: Clock) -> list[RobotTracker]:
         """Return new trackers of all robots."""
-        return [
-            RobotTracker(settings, model, self.config.base_dir, clock.now_ns())
-            for settings, model in zip(self.config.node.robots, self.models, strict=True)
-        ]
+        return list(assemble.build_trackers(self.config, self.models, clock.now_ns()))

@@ -101,10 +101,13 @@ def _collected(name: str, source: RecordingSource | ProceduralSource) -> Motion:
         observed.append(seen)
     first = next((i for i, seen in enumerate(observed) if seen.any()), len(stamps))
     stamps, positions, observed = stamps[first:], positions[first:], observed[first:]
-    if not stamps or (stamps[-1] - stamps[0]) * 1e-9 < _SHORTEST_S:
+    if not stamps:
+        raise UnusableRecordingError(f"recording {name}: shows no person; leave it out")
+    lasts_s = (stamps[-1] - stamps[0]) * 1e-9
+    if lasts_s < _SHORTEST_S:
         raise UnusableRecordingError(
-            f"recording {name}: too short from where a person comes into view; an approach needs "
-            f"{_SHORTEST_S:g} s of a person; leave it out"
+            f"recording {name}: too short: it ends {lasts_s:.2f} s after a person comes into view, "
+            f"and an approach needs {_SHORTEST_S:g} s; leave it out"
         )
     capture_ns = np.array(stamps, dtype=np.int64) - stamps[0]
     return Motion(

@@ -58,6 +58,19 @@ def test_without_a_time_every_slowdown_has_a_line(near):
         assert (found["level"], found["reason"]) == (row["level"], row["reason"])
 
 
+def test_a_pipe_gets_whole_lines_and_a_terminal_gets_its_width(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    path = written(tmp_path / "a.mcap", told("CCUUCC", 1.0))
+    (row,) = json.loads(run("explain", path, "--json"))["slowdowns"]
+    assert run("explain", path).splitlines()[-1].endswith(row["why"])
+    near_it = run("explain", path, "--at", "12:00:01")
+    assert row["why"] in near_it
+    monkeypatch.setattr("hri_predict.cli.explain.explain._list_width", lambda: 60)
+    line = run("explain", path).splitlines()[-1]
+    assert len(line) <= 60
+    assert line.endswith("…")
+
+
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
 @pytest.mark.long
 def test_a_full_disk_of_the_output_is_not_blamed_on_the_recording(near):

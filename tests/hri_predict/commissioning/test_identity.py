@@ -1,6 +1,7 @@
 """What a cell was: the same however it is written, and another after each change."""
 
 import copy
+import re
 import shutil
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
 from hri_predict.commissioning.identity import MISSING, differences, flattened, identity_of
 from hri_predict.contracts import registry
@@ -155,6 +157,25 @@ def test_a_changed_file_is_named_with_its_key(file, key, own):
     text = "\n" if file.endswith("json") else "\n# another\n"
     (line,) = changed(own, append(own.parent / file, text))
     assert line.startswith(f"file of {key} ({file}): SHA-256 ")
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        (put("robots", 0, "model", "ur6"), "robots.0.model"),
+        (put("robots", 0, "motion", "plan", "nowhere"), "robots.0.motion.plan"),
+        (put("links", 0, "simulate", "trajectory", "nowhere"), "links.0.simulate.trajectory"),
+    ],
+)
+def test_an_unknown_name_is_told_with_file_line_and_key(tmp_path, change, key):
+    data = cell_data()
+    change(data)
+    config = load_cell(tmp_path, data)
+    with pytest.raises(
+        ConfigError, match=rf"{re.escape(str(config.path))}:\d+: {key}: unknown"
+    ) as e:
+        identity_of(config)
+    assert "\n" not in str(e.value)
 
 
 def test_weights_and_a_joint_map_and_any_other_named_file_are_watched(tmp_path):

@@ -1,12 +1,13 @@
 """Recordings written message by message, as a node of another day or a deceiver might."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.recording.mcap.clocks import VirtualClocks
+from hri_predict.recording.mcap.info import FullSpeed
 from hri_predict.recording.mcap.items import Item
 
 SECOND = 1_000_000_000
@@ -21,6 +22,7 @@ def written(
     cell: str = "press",
     utc_ns: int | None = NOON,
     config: str = "",
+    full_speed: Mapping[str, FullSpeed] | None = None,
 ) -> Path:
     """A recording of (seconds, topic, message); at second 0 it is ``utc_ns``, or nobody knows."""
     info = RecordingInfo(
@@ -30,6 +32,7 @@ def written(
         cell=cell,
         robots=(("arm", ("base", "forearm")),),
         config=config,
+        full_speed=full_speed or {},
     )
     clocks = VirtualClocks(0, utc_ns)
     with Recorder(path, info, threaded=False, clocks=clocks) as recorder:

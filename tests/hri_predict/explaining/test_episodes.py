@@ -3,14 +3,15 @@
 import pytest
 
 from hri_predict.explaining.episodes import episodes
-from hri_predict.explaining.explanation import listing
+from hri_predict.explaining.explanation import explain, listing
 from hri_predict.explaining.reason_clause import because
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.shift.tally import tally
 from hri_predict.explaining.situation import situation
 from hri_predict.explaining.times import AskedTime
+from hri_predict.explaining.words import told as told_as
 from hri_predict.protocol.reasons import CLEARED, RISING
-from tests.hri_predict.explaining.made_up import SECOND, advice, told, written
+from tests.hri_predict.explaining.made_up import NOON, SECOND, advice, told, written
 
 
 def found(tmp_path, messages):
@@ -134,6 +135,28 @@ def test_a_robot_that_only_waits_is_not_explained_by_who_is_near(tmp_path, level
     said = advice(level, "PERSON_APPROACHING", detail=f"arm: {detail}; person 1", speed_m_s=0.2)
     recordings, _ = found(tmp_path, [(0.1 * k, "/advice/arm", said) for k in range(5)])
     assert answer in because(situation(recordings, AskedTime(recordings.start_ns, SECOND), "arm"))
+
+
+@pytest.mark.parametrize(
+    ("reason", "detail", "answer"),
+    [
+        ("PERSON_APPROACHING", "", "its full speed, 0.25 m/s, was safe"),
+        ("PERSON_APPROACHING", RISING, "its limit had risen to its full speed, 0.25 m/s"),
+        ("RELEASE_PENDING", "", "its limit was its full speed again"),
+    ],
+)
+def test_a_limit_of_full_speed_does_not_read_as_a_restriction(tmp_path, reason, detail, answer):
+    said = advice("SLOW", reason, detail=f"arm: {detail}; person 1", speed_m_s=0.2)
+    config = "robots: [{name: arm, max_speed_m_s: 0.25}]"
+    path = written(tmp_path / "a.mcap", [(0.1 * k, "/advice/arm", said) for k in range(5)])
+    unknown = explain(situation(Recordings([path]), AskedTime(NOON, SECOND), "arm"))
+    path = written(tmp_path / "b.mcap", [(0.0, "/advice/arm", said)], config=config)
+    found = explain(situation(Recordings([path]), AskedTime(NOON, SECOND), "arm"))
+    assert answer in found["answer"]
+    assert "no more than" not in found["answer"]
+    assert "at first slowly" not in found["answer"]
+    assert any("speed limit 0.25 m/s (its full speed)" in line for line in told_as(found, 200))
+    assert answer not in unknown["answer"]
 
 
 def test_a_cause_that_comes_and_goes_is_named_not_the_wait_between(tmp_path):

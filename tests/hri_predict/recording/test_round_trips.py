@@ -1,6 +1,7 @@
 """What is written is read back: joints, names, people, times, and what was not observed."""
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -234,6 +235,34 @@ def test_frames_are_left_out_never_invented():
         assert abs(scene.stamp_ns * 1e-9 - k / 25.0) <= 0.5 / 120 + 1e-9
     with pytest.raises(RecordingError, match="never invented"):
         decimated(recording, 200.0)
+
+
+def seen_in(recording, frames):
+    """Return the recording with its people in these frames only."""
+    scenes = [
+        scene if k in frames else replace(scene, people=())
+        for k, scene in enumerate(recording.scenes)
+    ]
+    return replace(recording, scenes=scenes)
+
+
+@pytest.mark.parametrize("first", [0, 1, 2, 3])
+def test_frames_with_people_are_not_the_ones_left_out(first):
+    """In every second or fourth frame there is somebody: at a quarter of the rate, in all."""
+    recording = made(["waist", "head"], frames=241, rate_hz=120.0, missing=0)
+    for step in (2, 4):
+        some = decimated(seen_in(recording, range(first, 241, step)), 30.0)
+        assert sum(bool(scene.people) for scene in some.scenes) >= len(some.scenes) - 1
+        assert [scene.sequence for scene in some.scenes] == list(range(len(some.scenes)))
+        times = [scene.stamp_ns for scene in some.scenes]
+        assert {round((b - a) * 1e-6) for a, b in pairwise(times[:-1])} <= {33, 34}
+
+
+def test_people_who_come_late_change_no_frame():
+    recording = made(["waist", "head"], frames=241, rate_hz=120.0, missing=0)
+    late = decimated(seen_in(recording, range(150, 241)), 30.0)
+    whole = decimated(recording, 30.0)
+    assert [s.stamp_ns for s in late.scenes] == [s.stamp_ns for s in whole.scenes]
 
 
 def test_a_person_who_is_not_there_is_named():

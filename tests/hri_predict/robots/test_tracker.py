@@ -245,7 +245,9 @@ def test_standing() -> None:
     np.testing.assert_array_equal(known(now)[0], Q)
     assert now.reasons == ()
     assert now.speed_m_s == 0.0
-    with pytest.raises(RobotError, match=r"has 5 values.*6 joints"):
+    with pytest.raises(RobotError, match=r"^motion.positions: 5 values.*6 joints"):
         tracker({"kind": "standing", "positions": list(Q[:5])})
-    with pytest.raises(RobotError, match="'elbow' at 7 rad is outside"):
+    with pytest.raises(
+        RobotError, match=r"^motion.positions: robot 'arm': joint 'elbow' at 7 rad is outside"
+    ):
         tracker({"kind": "standing", "positions": list(changed(Q, 2, 7.0))})

@@ -1,7 +1,11 @@
 """A source and a node that note what the loop does with them."""
 
 import time
+from types import SimpleNamespace
+from typing import Any
 
+from hri_predict.base.clock import MonotonicClock, VirtualClock
+from hri_predict.base.machine.realtime import RealtimeSettings
 from hri_predict.node.repeats import Repeats
 from hri_predict.node.shedding import Shedding
 
@@ -63,3 +67,19 @@ class Node:
 
     def announce(self, now_ns, state, reason):
         self.said.append(state)
+
+
+def make(rate_hz=50.0, source=None, links=(), virtual=False) -> Any:
+    clock: Any = VirtualClock(1_000 * MS) if virtual else MonotonicClock()
+    prediction = SimpleNamespace(start=lambda: None, stop=lambda: None)
+    return SimpleNamespace(
+        clock=clock,
+        node=Node(clock),
+        source=source or Source(),
+        links=tuple(links),
+        prediction=prediction,
+        config=SimpleNamespace(
+            node=SimpleNamespace(rate_hz=rate_hz, ticks="fixed", realtime=RealtimeSettings()),
+            source=SimpleNamespace(kind="own"),
+        ),
+    )

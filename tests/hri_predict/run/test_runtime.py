@@ -9,20 +9,17 @@ import threading
 import time
 from asyncio import CancelledError
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
-from hri_predict.base.clock import MonotonicClock, VirtualClock
 from hri_predict.base.errors import LinkError, LinkErrors, MachineError
 from hri_predict.base.machine import asleep
-from hri_predict.base.machine.realtime import RealtimeSettings
 from hri_predict.contracts.source import NOT_KNOWN_NS
 from hri_predict.node.publish_phase import PublishPhase
 from hri_predict.protocol.messages import NodeState
 from hri_predict.run import starting
 from hri_predict.run.runtime import run_real_time, run_virtual
-from tests.hri_predict.run.fakes import MS, Node, Source
+from tests.hri_predict.run.fakes import MS, Source, make
 
 
 class Link:
@@ -40,21 +37,6 @@ class Link:
 
     def stop(self):
         self.log.append("stop")
-
-
-def make(rate_hz=50.0, source=None, links=(), virtual=False) -> Any:
-    clock: Any = VirtualClock(1_000 * MS) if virtual else MonotonicClock()
-    prediction = SimpleNamespace(start=lambda: None, stop=lambda: None)
-    return SimpleNamespace(
-        clock=clock,
-        node=Node(clock),
-        source=source or Source(),
-        links=tuple(links),
-        prediction=prediction,
-        config=SimpleNamespace(
-            node=SimpleNamespace(rate_hz=rate_hz, ticks="fixed", realtime=RealtimeSettings())
-        ),
-    )
 
 
 # -- real time

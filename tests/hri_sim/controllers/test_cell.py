@@ -208,7 +208,10 @@ def test_a_robot_whose_motion_is_a_trajectory_lends_it_to_its_drive():
         ([serial({**DRIVE, "roll": 1})], r"links\.drive\.simulate: roll.*did you mean 'role'"),
         ([serial({**DRIVE, "role": "driver"})], r"role"),
         ([serial({**DRIVE, "robot": "amr"})], "did you mean 'arm'"),
-        ([serial({"role": "drive", "robot": "arm"})], "no trajectory"),
+        (
+            [serial({"role": "drive", "robot": "arm"})],
+            "simulate.trajectory: missing; name the path",
+        ),
         ([can(MONITOR)], "has 0 simulated drives"),
         ([serial(DRIVE), can(DRIVE)], "has 2 simulated drives"),
         ([serial(DRIVE, robots=["other"])], "carries no advice"),

@@ -73,7 +73,7 @@ def test_what_cannot_be_placed_is_refused_in_one_line(name, message):
 def test_a_recording_shorter_than_a_second_is_refused(tmp_path):
     path = tmp_path / "short.npz"
     np.savez(path, positions=np.ones((20, 6, 3), np.float32), fps=np.float32(30))
-    with pytest.raises(UnusableRecordingError, match="too short"):
+    with pytest.raises(UnusableRecordingError, match=r"too short: it ends 0.63 s after a person"):
         load_motion(str(path), 30.0)
 
 
@@ -86,5 +86,15 @@ def test_a_motion_begins_where_somebody_comes_into_view(tmp_path):
     motion = load_motion(str(tmp_path / "late.npz"), 30.0)
     assert motion.observed[0].any()
     assert (motion.capture_ns[0], len(motion.capture_ns)) == (0, 70)
-    with pytest.raises(UnusableRecordingError, match="comes into view"):
+    with pytest.raises(UnusableRecordingError, match="shows no person"):
         load_motion(str(tmp_path / "never.npz"), 30.0)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_recording_with_every_second_frame_empty_is_used_at_a_lower_rate(tmp_path, first):
+    positions = np.random.default_rng(0).normal(size=(180, 6, 3)).astype(np.float32)
+    positions[first::2] = np.nan
+    np.savez(tmp_path / "half.npz", positions=positions, fps=np.float32(60))
+    motion = load_motion(str(tmp_path / "half.npz"), 30.0)
+    assert motion.observed.any(axis=1).all()
+    assert motion.duration_s > 2.9

@@ -18,8 +18,10 @@ from tests.shared import DATA
 
 
 @pytest.fixture
-def config(tmp_path) -> Path:
-    """A tiny TrajectoryCNN on two walks of points."""
+def config(tmp_path, request) -> Path | str:
+    """A tiny TrajectoryCNN on two walks of points; or the name of a paper's network."""
+    if getattr(request, "param", "own") != "own":
+        return str(request.param)
     rng = np.random.default_rng(3)
     for name in ("fit_1", "check_1"):
         drift = np.arange(400)[:, None, None] * np.array([0.001, 0.0, 0.01])
@@ -122,6 +124,21 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(ablate, tmp_path, monkeypatch
     assert capsys.readouterr().err.splitlines()[-1] == "saved; continue with the same command"
     assert (tmp_path / "runs" / "all" / "last.pt").exists()
     assert not (tmp_path / "runs" / "none").exists()
+
+
+@pytest.mark.parametrize("out", ["/dev/null/runs", "taken"])
+@pytest.mark.parametrize("config", ["own", "trajectorycnn"], indirect=True)
+def test_what_cannot_be_written_is_told_before_the_first_run(
+    ablate, tmp_path, monkeypatch, capsys, out
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "taken" / "ablation.md").mkdir(parents=True)
+    monkeypatch.setattr(
+        "hri_predict.lab.training.runs.trained", lambda *_, **__: pytest.fail("ran")
+    )
+    assert ablate(out=out) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "cannot be written" in line
 
 
 def test_a_table_that_cannot_be_written_is_told(tmp_path):

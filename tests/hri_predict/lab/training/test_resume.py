@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from hri_predict.base.errors import ConfigError
+from hri_predict.contracts import registry
 from hri_predict.lab.training.checkpoint import save_checkpoint
 from tests.hri_predict.lab.training.small_run import checkpoint, run
 
@@ -117,3 +118,51 @@ def test_weights_newer_than_the_checkpoint_are_those_of_a_crash_between_the_two(
     assert result.best_epoch == 2
     (tmp_path / "last.pt").write_bytes(before)
     assert run(tmp_path, resume=True)[1].ending == "epochs done"
+
+
+class Parts:
+    """What a user's package provides; ``code`` is the hash of each part, by name."""
+
+    def __init__(self, monkeypatch, **code):
+        self.code = code
+        monkeypatch.setattr(registry, "code_of_part", lambda kind, name: self.code.get(name))
+
+
+def test_a_run_goes_on_with_the_same_code_of_a_user_s_network(tmp_path, monkeypatch):
+    Parts(monkeypatch, small="1a")
+    run(tmp_path, stop_after=1)
+    _, result, _ = run(tmp_path, resume=True)
+    assert result.epochs == 4
+
+
+@pytest.mark.parametrize(
+    ("code", "part"),
+    [
+        ({"small": "2b"}, "predictor 'small'"),
+        ({}, "predictor 'small'"),
+        ({"small": "1a", "real": "3c"}, "data set 'real'"),
+        ({"small": "1a", "adamw": "3c"}, "optimiser 'adamw'"),
+        ({"small": "1a", "cosine": "3c"}, "schedule 'cosine'"),
+    ],
+)
+def test_a_run_of_other_code_is_refused_as_one_of_other_settings_is(
+    tmp_path, monkeypatch, code, part
+):
+    parts = Parts(monkeypatch, small="1a")
+    run(tmp_path, stop_after=1)
+    parts.code = code
+    with pytest.raises(ConfigError) as caught:
+        run(tmp_path, resume=True)
+    assert str(caught.value) == (
+        f"checkpoint {tmp_path}/last.pt: was trained with other code of {part}; restore that, or "
+        "start another run with --out"
+    )
+
+
+def test_a_checkpoint_that_kept_no_code_goes_on(tmp_path, monkeypatch):
+    run(tmp_path, stop_after=1)
+    state = checkpoint(tmp_path)
+    del state["code"]
+    save_checkpoint(tmp_path / "last.pt", state)
+    Parts(monkeypatch, small="1a")
+    run(tmp_path, resume=True)

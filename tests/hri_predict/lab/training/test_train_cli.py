@@ -218,6 +218,38 @@ def test_a_file_where_the_log_goes_is_told_before_anything_is_written(cli, confi
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["log"]
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--out", "/dev/null/run"], "cannot be written"),
+        (["--out", "used"], "used: holds a run; --resume continues it"),
+        (["--out", "new", "--resume"], "no such file; start the run without --resume"),
+    ],
+)
+def test_a_folder_that_does_not_suit_is_told_before_the_data_are_read(
+    cli, config, tmp_path, monkeypatch, words, says
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used" / "last.pt").touch()
+    monkeypatch.setattr("hri_predict.lab.training.runs.open_samples", lambda _: pytest.fail("read"))
+    status, _, err = cli(config, *words)
+    assert status == 2
+    (line,) = err.splitlines()
+    assert says in line
+
+
+def test_every_folder_of_a_plan_is_tried_before_its_first_run(cli, config, tmp_path, monkeypatch):
+    plan = tmp_path / "plan.yaml"
+    plan.write_text("- {config: small.yaml}\n- {config: small.yaml, set: [out=/dev/null/run]}\n")
+    monkeypatch.setattr(
+        "hri_predict.lab.training.runs.trained", lambda *_, **__: pytest.fail("ran")
+    )
+    status, _, err = cli(plan)
+    assert status == 2
+    assert "checkpoint /dev/null/run/last.pt: cannot be written" in err
+
+
 def test_a_plan_is_trained_in_order_and_goes_on(cli, config, tmp_path, monkeypatch):
     second = tmp_path / "second.yaml"
     second.write_text(config.read_text().replace(str(tmp_path / "run"), str(tmp_path / "two")))
