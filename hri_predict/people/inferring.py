@@ -179,9 +179,9 @@ def hidden_arms(measured: Bools) -> Bools:
     steps = measured.any(2).sum(1)  # (P,)
     found = np.zeros((len(measured), measured.shape[2]), bool)
     for arm in _ARMS:
-        shown = measured[:, :, arm].any(2)
-        seldom = shown.sum(1) < _ARM_SHOWN * np.maximum(steps, 1)
-        found[:, arm] = np.logical_and(seldom, ~shown[:, -1])[:, None]
+        shown: Bools = np.asarray(measured[:, :, arm].any(2))
+        hidden: Bools = ~shown[:, -1] & (shown.sum(1) < _ARM_SHOWN * np.maximum(steps, 1))
+        found[:, arm] = hidden[:, None]
     return found
 
 
