@@ -315,8 +315,8 @@ class People(RemembersLost):
     # -- out --------------------------------------------------------------------------------------
 
     def acknowledge(self) -> int:
-        """Remove the lost people counted in the newest snapshot, whom an operator confirmed to be
-        gone; return their number.
+        """Remove the lost people counted in the newest snapshot, as confirmed by an operator;
+        return their number.
         """
         with self._lock:
             forgotten = self._lost.acknowledge()

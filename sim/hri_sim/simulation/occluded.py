@@ -284,7 +284,7 @@ def _possible(base: Config, request: OcclusionRequest, index: int) -> Episode:
     """Return the first draw whose people can perform their scripts; arms have limited reach.
 
     If the source does not see free space, the tracker must show each person once: a node cannot
-    know of somebody who walks in a box's shadow from the door to the robot.
+    know of a person who walks in a box's shadow from the door to the robot.
     """
     for attempt in range(_TRIES):
         seed = request.seed * _TRIES + attempt
