@@ -121,9 +121,9 @@ HIDDEN_ARM = 1.5
 hidden because it reaches into something, which the posture does not show. More than one in a
 hundred of its joints were outside the plain radius in one of four recordings, and outside the
 enlarged radius in one of a hundred (docs/measured/unseen-joints.md)."""
-_ARM_SHOWN = 0.5
-"""Minimum share of a body's steps in which its arm was seen, for an arm that is only lost for a
-moment: glimpses of an elbow do not show where the hand is."""
+_ELBOW_SHOWN = 0.5
+"""Minimum share of a body's steps in which the elbow must be seen for the posture to show the
+forearm, unless the elbow is seen now."""
 _ARMS = tuple(
     [JOINTS.index(f"{side}_{joint}") for joint in ("elbow", "wrist", "hand")] for side in "lr"
 )
@@ -174,14 +174,19 @@ def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
 def hidden_arms(measured: Bools) -> Bools:
     """Return (P, J) joints of arms that are hidden from the elbow on in a history (P, T, J).
 
-    Nothing below the shoulder is seen in the newest step, and little before: see ``_ARM_SHOWN``.
+    One capture that shows such an arm does not count: see ``_LEAST_BEFORE``. Nor do glimpses of the
+    elbow show where wrist and hand are: see ``_ELBOW_SHOWN``.
     """
+    least = min(_LEAST_BEFORE, measured.shape[1])
     steps = measured.any(2).sum(1)  # (P,)
     found = np.zeros((len(measured), measured.shape[2]), bool)
     for arm in _ARMS:
         shown: Bools = np.asarray(measured[:, :, arm].any(2))
-        hidden: Bools = ~shown[:, -1] & (shown.sum(1) < _ARM_SHOWN * np.maximum(steps, 1))
-        found[:, arm] = hidden[:, None]
+        never = shown.sum(1) < least
+        seldom = ~shown[:, -1] & (shown.sum(1) < _ELBOW_SHOWN * steps)
+        outer = measured[:, :, arm[1:]].any(2).sum(1) < least
+        found[:, arm[0]] = never
+        found[:, arm[1:]] = (outer & (never | seldom))[:, None]
     return found
 
 

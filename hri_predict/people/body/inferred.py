@@ -21,11 +21,14 @@ import numpy as np
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.people.body.body_model import BodyModel
+from hri_predict.people.body.seated import is_low
 
 _LEAST_SIDE = 0.1
 """Minimum sine of the angle between side and axis (6 degrees): below it, the frame is unstable."""
 _LEAST_BONE_M = 0.01
 """Minimum length of a bone with a usable direction."""
+_LEGS = [JOINTS.index(f"{side}_{joint}") for side in "lr" for joint in ("knee", "ankle", "foot")]
+"""Joints that the posture does not place in a body too low to stand: reach bounds them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,6 +202,7 @@ def _fill_by_postures(filled: Filled, observed: Bools, model: BodyModel, floor_m
     seen = observed.reshape(-1, joints)[rows]
     found = model.complete(filled.positions.reshape(-1, joints, 3)[rows] - floor, seen)
     new = lacks[rows] & found.usable[:, None]
+    new[:, _LEGS] &= ~is_low(filled.positions.reshape(-1, joints, 3)[rows] - floor, seen)[:, None]
     for into, values in (
         (filled.positions.reshape(-1, joints, 3), found.positions + floor),
         (filled.within_m.reshape(-1, joints), found.within_m),

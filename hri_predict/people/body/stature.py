@@ -27,8 +27,8 @@ _BONES = [
     for segment in CANONICAL.segments
     if segment.name[2:] in _FRACTIONS
 ]
-_STARTS, _ENDS = (np.array([bone[end] for bone in _BONES]) for end in (0, 1))
-_SHARES = np.array([bone[2] for bone in _BONES])
+LIMBS = tuple(np.array(column) for column in zip(*_BONES, strict=True))
+"""(B,) joints at both ends of each limb bone, and its share of the stature."""
 
 
 def statures_m(positions: Floats, observed: Bools) -> Floats:
@@ -37,8 +37,9 @@ def statures_m(positions: Floats, observed: Bools) -> Floats:
     Args:
         positions, observed: (J, 3) metres and (J,), canonical joints.
     """
-    whole = observed[_STARTS] & observed[_ENDS]
-    found: Floats = norm(positions[_STARTS[whole]] - positions[_ENDS[whole]]) / _SHARES[whole]
+    starts, ends, shares = LIMBS
+    whole = observed[starts] & observed[ends]
+    found: Floats = norm(positions[starts[whole]] - positions[ends[whole]]) / shares[whole]
     return found
 
 

@@ -290,19 +290,22 @@ def test_one_wrong_capture_of_a_hidden_arm_does_not_take_the_zone_away(make_room
 
 
 @pytest.mark.parametrize(
-    ("shown", "hidden"),
+    ("elbow", "wrist", "hidden"),
     [
-        ([], True),
-        ([3, 17], True),  # glimpses of an elbow do not show the hand
-        ([3, 24], False),  # it is seen now
-        (range(15), False),  # lost for a moment
+        ([], [], [True, True, True]),
+        ([17], [], [True, True, True]),  # may be the other arm, or a part of the bench
+        ([3, 17], [], [False, True, True]),  # glimpses of an elbow do not show the hand
+        ([3, 17], [3, 17], [False, False, False]),
+        ([3, 24], [], [False, False, False]),  # it is seen now
+        (range(15), [], [False, False, False]),
     ],
 )
-def test_an_arm_is_hidden_if_it_is_not_seen_now_and_was_seldom_before(shown, hidden):
+def test_wrist_and_hand_are_hidden_while_only_glimpses_of_the_elbow_are_seen(elbow, wrist, hidden):
     arm = [JOINTS.index(f"r_{joint}") for joint in ("elbow", "wrist", "hand")]
     measured = np.ones((1, 25, len(JOINTS)), bool)
     measured[:, :, arm] = False
-    measured[:, list(shown), arm[0]] = True
+    measured[:, list(elbow), arm[0]] = True
+    measured[:, list(wrist), arm[1]] = True
     found = hidden_arms(measured)
-    assert found[0, arm].tolist() == [hidden] * 3
-    assert found.sum() == 3 * hidden  # the other arm is seen
+    assert found[0, arm].tolist() == hidden
+    assert found.sum() == sum(hidden)  # the other arm is seen
