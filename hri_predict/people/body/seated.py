@@ -1,4 +1,4 @@
-"""Tells bodies that are too low to stand: they sit, crouch or bend, and their legs may be anywhere.
+"""Detects bodies too low to stand: they sit, crouch or bend, and their legs may be anywhere.
 
 Where the legs of a standing person are, the posture above a bench shows. A person on a stool may
 stretch them out, and looks the same from the hips up.
@@ -15,7 +15,7 @@ HIPS, SHOULDERS = 0.48, 0.68
 """Minimum heights above the floor of a standing person's hips and shoulders, as shares of the
 stature. Of recorded people who walk, play and work at a window or with tools, one in a hundred was
 below 0.49 to 0.57 and 0.64 to 0.81; medians are 0.54 to 0.60 and 0.81 to 0.85."""
-LEAST_M, MOST_M = 1.5, 2.0
+LEAST_M, MOST_M = 1.5, 1.8
 """Range of assumed statures: noise must not make a person low, nor a lack of limbs in view."""
 _HIPS, _SHOULDERS = (
     [JOINTS.index(f"{side}_{name}") for side in "lr"] for name in ("hip", "shoulder")
