@@ -11,7 +11,7 @@ from hri_predict.base.geometry import norm
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.body.stature import LIMBS
 
-HIPS, SHOULDERS = 0.48, 0.68
+HIPS, SHOULDERS = 0.47, 0.68
 """Minimum heights above the floor of a standing person's hips and shoulders, as shares of the
 stature. Of recorded people who walk, play and work at a window or with tools, one in a hundred was
 below 0.49 to 0.57 and 0.64 to 0.81; medians are 0.54 to 0.60 and 0.81 to 0.85."""

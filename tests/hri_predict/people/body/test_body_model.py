@@ -13,11 +13,14 @@ from hri_predict.lab.calibration.body_model import HIDDEN, hidden_joints
 from hri_predict.people.body import body_model as module
 from hri_predict.people.body.body_model import BodyModel, body_model
 from hri_predict.people.body.inferred import Inference
+from hri_predict.people.body.seated import is_low
 from hri_sim.people.body import Body
 
 COUNT = len(JOINTS)
 _WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.4))
+ALL = np.ones(COUNT, bool)
+LEGS = np.isin(JOINTS, [f"{s}_{j}" for s in "lr" for j in ("knee", "ankle", "foot")])
 TRUNK = ("waist", "torso", "neck", "head", "l_shoulder", "r_shoulder", "l_hip", "r_hip")
 SWAP = np.arange(COUNT)
 for _left, _right in CANONICAL.left_right_pairs:
@@ -177,8 +180,9 @@ def test_a_joint_that_is_seen_is_never_moved(seed, seen):
     filled = Inference(body_model()).fill(np.where(seen[:, None], body, 0.0), seen)
     np.testing.assert_array_equal(filled.positions[seen], body[seen])
     assert (filled.within_m[seen] == 0).all()
-    assert (filled.within_m[~seen] > 0).all()
-    assert filled.observed.all()
+    assert (filled.within_m[filled.observed & ~seen] > 0).all()
+    low = is_low(body[None], seen[None])[0]  # trembling by 3 cm may look like that
+    assert filled.observed[~LEGS if low else ALL].all()
 
 
 @pytest.mark.parametrize(
