@@ -133,7 +133,11 @@ class Node:
         """Receive a scene from the source (called by the source's thread)."""
         self.scenes_in += 1
         self.frames_in += len(scene.people)
-        self._people.receive(scene, receipt_ns)
+        try:
+            self._people.receive(scene, receipt_ns)
+        except Exception:  # the next scenes would look as if nobody had been in this one
+            if self._people.lose_scene(receipt_ns) % 1000 == 1:
+                log.exception("a scene could not be processed: its people may be anywhere")
         self._tell(lambda listener: listener.on_scene(scene, receipt_ns))
 
     def tick(self, now_ns: int) -> Tick:

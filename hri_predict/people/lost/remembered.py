@@ -1,6 +1,7 @@
 """Stores lost people across a restart of the node: last seen positions and ages."""
 
 import threading
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ class RemembersLost:
 
     _lock: threading.Lock
     _lost: LostPeople
+    _counters: Counter[str]
     _unplaced: Unplaced
     _now_ns: int
     _recalled: list[dict[str, Any]]  # lost people of an earlier run, not yet taken
@@ -51,6 +53,15 @@ class RemembersLost:
         with self._lock:
             if not self._has_recalled:
                 self._lost.forgotten = self._lost.distrusted = True
+
+    def lose_scene(self, receipt_ns: int) -> int:
+        """Record a scene that could not be processed: its people may be anywhere until an
+        acknowledgement. Return the number of such scenes.
+        """
+        with self._lock:
+            self._counters["failed_scenes"] += 1
+            self._lost.lose_places([receipt_ns])
+            return self._counters["failed_scenes"]
 
     def _take_recalled(self, now_ns: int) -> None:
         recalled, self._recalled = self._recalled, []

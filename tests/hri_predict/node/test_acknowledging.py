@@ -146,3 +146,23 @@ def test_a_supervised_press_for_lost_people_leaves_the_latch(supervised):
     supervised.run(0.5)
     press(supervised, drive, 0, 8)
     assert _may_move(supervised.run(1.0)[-1])
+
+
+def test_after_a_scene_that_could_not_be_processed_somebody_may_be_anywhere(
+    near, monkeypatch, caplog
+):
+    near.run(0.4)
+
+    def raises(*_):
+        raise ValueError("injected")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(near.node._people, "_take", raises)
+        near.run(0.04)
+    tick = near.run(QUIET_S + 1.0)[-1]
+    assert "could not be processed" in caplog.text
+    assert near.node.people_counters["failed_scenes"] >= 1
+    assert tick.status.reason is Reason.ROOM_NOT_SEEN_EMPTY
+    assert not tick.advices[0].level.may_move
+    drive, _ = heard(near)
+    assert press(near, drive, tick.advices[0].latch_id, 7).status.reason is Reason.NONE
