@@ -26,9 +26,13 @@ FORGET_NS = 1_000_000_000
 
 @dataclass(slots=True)
 class _Recent:
-    """The statures that one person's limbs indicated in the last second, metres."""
+    """The statures that one person's limbs indicated most recently, metres.
 
-    newest_ns: int = NEVER
+    They stay while limbs are hidden: a person of a wrong size does not become right by that.
+    """
+
+    seen_ns: int = NEVER
+    sampled_ns: int = NEVER
     statures: deque[float] = field(default_factory=lambda: deque(maxlen=SAMPLES))
 
 
@@ -48,14 +52,15 @@ class SizeWatch:
         if not self._on:
             return False
         recent = self._recent.get(body.id)
-        if recent is None or capture_ns - recent.newest_ns > FORGET_NS:
-            kept = {n: r for n, r in self._recent.items() if capture_ns - r.newest_ns <= FORGET_NS}
+        if recent is None or capture_ns - recent.seen_ns > FORGET_NS:
+            kept = {n: r for n, r in self._recent.items() if capture_ns - r.seen_ns <= FORGET_NS}
             self._recent = kept
             recent = self._recent[body.id] = _Recent()
-        if capture_ns - recent.newest_ns >= SAMPLE_NS:
+        recent.seen_ns = capture_ns
+        if capture_ns - recent.sampled_ns >= SAMPLE_NS:
             found = statures_m(body.positions, body.observed)
             if len(found) >= LEAST_BONES:
-                recent.newest_ns = capture_ns
+                recent.sampled_ns = capture_ns
                 recent.statures.append(float(np.median(found)))
         statures = recent.statures
         return len(statures) >= LEAST_SAMPLES and not LEAST_M <= np.median(statures) <= MOST_M

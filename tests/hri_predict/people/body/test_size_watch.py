@@ -46,6 +46,12 @@ def test_single_captures_and_parts_without_a_limb_prove_nothing():
     assert not any(verdicts(torn, [ALL] * 60))
 
 
+def test_a_person_of_a_wrong_size_stays_wrong_while_limbs_are_hidden():
+    head = np.isin(JOINTS, ["head", "neck", "l_shoulder", "r_shoulder"])
+    found = verdicts([2.0 * STANDS] * 105, [ALL] * 15 + [head] * 90)  # three seconds
+    assert all(found[14:])
+
+
 def test_a_cell_without_posture_checks_may_have_any_bodies():
     watch = SizeWatch(PeopleSettings(posture_unchecked="a robot with legs"))
     assert not any(verdicts([2.0 * STANDS] * 30, [ALL] * 30, watch))
