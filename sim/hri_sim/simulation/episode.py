@@ -136,11 +136,16 @@ def run_episode(
     if node.assess_failures or node.listener_failures:
         raise RuntimeError(f"the risk stage failed in episode {scenario.index}")
     log = recorder.log(watch, mock.stop())
-    log.harm = harm = Harm(_bearable(config, cell.models))
-    referee = CourseReferee(cell.models, config.node.risk.clearance_m, None, harm.note)
+    judge(log, config, cell.models)
+    return log
+
+
+def judge(log: Log, config: Config, models: Sequence[RobotModel]) -> None:
+    """Write the referee's tally of the log's course, and what touches did, into the log."""
+    log.harm = harm = Harm(_bearable(config, models))
+    referee = CourseReferee(models, config.node.risk.clearance_m, None, harm.note)
     referee.judge(log.course)
     vars(log).update(referee.tally())
-    return log
 
 
 def truth_of(cell: Cell, scenario: Scenario) -> SharedTruth:

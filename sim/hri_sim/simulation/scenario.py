@@ -29,6 +29,8 @@ _TRIES = 40
 _FREE_M = 0.05  # at the start nobody is nearer to the swept space
 _LATE = 0.25  # share of a motion before which nobody passes
 _PHASES = 48
+STARTS = 32
+"""Number of phases at which a robot may start: approaches that share one share its free course."""
 _MOVES_M = 0.05  # a capsule that moves less in a cycle sweeps no space
 
 
@@ -41,6 +43,7 @@ class Scenario:
         motions: names of the motions, one for each person.
         places: (x, y, yaw) of each motion.
         lead_in_s: seconds of empty room before; 0 if a person starts near the robot.
+        start: number of the robots' start in their cycle, of ``STARTS`` at even intervals.
         phase_s: each robot's phase in its cycle at the start.
         link_seed: random seed of the losses on the wire.
     """
@@ -49,6 +52,7 @@ class Scenario:
     motions: tuple[str, ...]
     places: tuple[tuple[float, float, float], ...]
     lead_in_s: float
+    start: int
     phase_s: float
     link_seed: int
 
@@ -103,7 +107,7 @@ def draw(
         UnusableRecordingError: no place lets a motion pass through a workspace.
     """
     rng = np.random.default_rng([seed, index])
-    phase_s = float(rng.random()) * workspace.cycle_s
+    start = int(rng.integers(STARTS))
     link_seed = int(rng.integers(2**31))
     placed = [_place(rng, motion, workspace) for motion in motions]
     far = all(start_m >= ENTER_M for _, start_m in placed)
@@ -112,7 +116,8 @@ def draw(
         motions=tuple(motion.name for motion in motions),
         places=tuple(place for place, _ in placed),
         lead_in_s=lead_in_s if far else 0.0,
-        phase_s=phase_s,
+        start=start,
+        phase_s=start * workspace.cycle_s / STARTS,
         link_seed=link_seed,
     )
 

@@ -21,6 +21,7 @@ from hri_sim.simulation.approach import over_floor
 from hri_sim.simulation.bodies import MotionTicks
 from hri_sim.simulation.cell import Cell, Variant, variants
 from hri_sim.simulation.episode import run_episode, truth_of
+from hri_sim.simulation.free_robots import FreeRobots
 from hri_sim.simulation.motion import load_motion
 from hri_sim.simulation.request import SimulationRequest
 from hri_sim.simulation.results.outcome import Truth, outcome, prediction
@@ -149,6 +150,7 @@ def episodes(plan: SimulationPlan, block: Block) -> list[int]:
 def run_block(plan: SimulationPlan, block: Block) -> dict[str, Any]:
     """Run every variant of each episode of a block; return plain data."""
     cell, modes = _cell(plan, block.predictor)
+    free = _free(plan, block.predictor)
     motions = _company(plan, block)
     rows: dict[str, Any] = {"outcomes": [], "predictions": [], "checks": []}
     for index in episodes(plan, block):
@@ -158,7 +160,7 @@ def run_block(plan: SimulationPlan, block: Block) -> dict[str, Any]:
         played: dict[str, Any] = {
             "cell": cell, "scenario": scenario, "bodies": together, "truth": shared,
         }  # fmt: skip
-        alone = run_episode(variant=modes[0], nobody=True, **played)
+        alone = free.log(scenario, together, shared)
         truth = Truth.of(alone, cell.models)
         known: dict[str, Any] = {
             "cell": cell, "scenario": scenario, "alone": alone, "truth": truth,
@@ -209,6 +211,12 @@ def _bodies(plan: SimulationPlan, predictor: int, scenario: Scenario) -> MotionT
 def _cell(plan: SimulationPlan, predictor: int) -> tuple[Cell, list[Variant]]:
     config = plan.loaded(plan.names[predictor])
     return Cell(config), variants(config, plan.modes, plan.coverages)
+
+
+@lru_cache(maxsize=2)
+def _free(plan: SimulationPlan, predictor: int) -> FreeRobots:
+    cell, modes = _cell(plan, predictor)
+    return FreeRobots(cell, modes[0])
 
 
 @lru_cache(maxsize=8)

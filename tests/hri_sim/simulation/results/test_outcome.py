@@ -17,7 +17,13 @@ from hri_sim.simulation.scenario import Scenario
 RATE = 10.0  # ticks per second
 CLEAR, SLOW, STOP, UNKNOWN = Level.CLEAR, Level.SLOW, Level.STOP, Level.UNKNOWN
 SCENARIO = Scenario(
-    index=7, motions=("a",), places=((0.0, 0.0, 0.0),), lead_in_s=1.0, phase_s=0.0, link_seed=0
+    index=7,
+    motions=("a",),
+    places=((0.0, 0.0, 0.0),),
+    lead_in_s=1.0,
+    start=0,
+    phase_s=0.0,
+    link_seed=0,
 )
 
 
