@@ -386,7 +386,7 @@ class RobotTracker:
             raise RobotError(
                 f"{key}: robot '{self.settings.name}' reaches {peak:.3g} m/s at its fastest point "
                 f"on trajectory '{file}', above max_speed_m_s {self.settings.max_speed_m_s:g}; "
-                "raise max_speed_m_s, or slow the trajectory down"
+                "raise max_speed_m_s, or name a trajectory whose points take longer"
             )
         return Plan(trajectory, self.model)
 

@@ -8,6 +8,8 @@ import numpy as np
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.machine.compiled import why_not_compiled
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.cli.check.remedies import remedy
 from hri_predict.contracts.predictor import Predictor
 from hri_predict.lab.calibration.levels import levels_text
 from hri_predict.run import assemble
@@ -87,6 +89,7 @@ def calibration_notes(facts: dict[str, Any] | None) -> list[str]:
 SHOWN = 3
 """Number of terms shown."""
 _STEP_M = 0.02
+_OVER_TIME = "In this mode the zones decide it, so it changes less with T_r than S_p does. "
 _MOVING = ("release", "robot_state")  # terms of people who move, and of what is not known here
 
 
@@ -98,7 +101,8 @@ def distance_facts(config: Config, predictor: Predictor) -> dict[str, Any]:
 
     Returns:
         ``robot``, ``speed_m_s``; ``why``: reason if it is unknown, or ""; ``total_m`` (``None``:
-        too far), ``costs_m`` by term, ``rest_m``.
+        too far), ``costs_m`` and ``remedies`` by term, ``rest_m``; ``basis``: what decides it, if
+        that is not S_p.
     """
     cell = _at_once(alone(config))
     source = assemble.build_source(config)
@@ -120,6 +124,7 @@ def distance_facts(config: Config, predictor: Predictor) -> dict[str, Any]:
         return replace(situation), seen
 
     found = waterfall(watch, np.zeros(2), step=_STEP_M, leaves=_MOVING)
+    lacking = [name for name, known in zip(CANONICAL.joints, delivered, strict=True) if not known]
     return {
         "why": "",
         "robot": cell.node.robots[robot].name,
@@ -127,6 +132,8 @@ def distance_facts(config: Config, predictor: Predictor) -> dict[str, Any]:
         "total_m": found.total_m,
         "costs_m": found.costs_m,
         "rest_m": found.rest_m,
+        "basis": _OVER_TIME if config.node.risk.judges_over_time else "",
+        "remedies": {term.key: remedy(term.key, config, lacking) for term in TERMS},
     }
 
 
@@ -148,9 +155,13 @@ def distance_lines(facts: dict[str, Any]) -> list[str]:
     largest = sorted(TERMS, key=lambda term: -costs_m[term.key])[:SHOWN]
     return [
         f"working distance: {facts['total_m']:.2f} m from the base to a person who stands, {at}; "
-        f"{facts['rest_m']:.2f} m of it are the robot's reach and the body; to measure it for "
-        f"people at work: hri-predict simulate --distance. Largest other terms:",
-        *(f"  {100 * costs_m[t.key]:.0f} cm: {t.text}; {t.remedy}" for t in largest),
+        f"{facts['rest_m']:.2f} m of it are the robot's reach and the body. {facts['basis']}"
+        f"People at work must stay farther away than one who stands: hri-predict simulate "
+        f"--distance measures how far. Largest other terms:",
+        *(
+            f"  {100 * costs_m[t.key]:.0f} cm: {t.text}; {facts['remedies'][t.key]}"
+            for t in largest
+        ),
     ]
 
 

@@ -134,8 +134,8 @@ class Summary:
         return (
             f"too slow: {self.late_ticks} of {wanted} ticks were late and {missed} left out, which "
             "also makes input and robot states look late or their clocks wrong; stop other "
-            "programs, lower rate_hz, or choose a predictor that costs less (hri-predict bench "
-            "predictors)"
+            "programs, lower rate_hz (with ticks: capture, max_rate_hz), or choose a predictor "
+            "that costs less (hri-predict bench predictors)"
         )
 
     def _run_table(self) -> Table:

@@ -38,73 +38,25 @@ class Term:
     Attributes:
         key: its name for programs.
         text: description.
-        remedy: how to reduce it.
     """
 
     key: str
     text: str
-    remedy: str
 
 
 TERMS = (
-    Term(
-        key="silence_timeout",
-        text="the controller's silence timeout",
-        remedy="lower links.silence_timeout_s, to not less than three intervals between messages",
-    ),
-    Term(
-        key="reaction",
-        text="the controller's reaction",
-        remedy="measure it (hri-predict commission) and set links.reaction_s",
-    ),
-    Term(key="link_delay", text="the link's delay", remedy="use a faster link (links.delay_s)"),
-    Term(
-        key="cycle",
-        text="the node's cycle and encoding",
-        remedy="raise rate_hz, if this machine keeps up",
-    ),
-    Term(
-        key="age",
-        text="the age of the input",
-        remedy="set ticks: capture, and use a faster source",
-    ),
-    Term(
-        key="stopping",
-        text="the robot's stopping",
-        remedy="enter the true payload_kg, measure the stopping table, or slow the robot and its "
-        "plan down (max_speed_m_s)",
-    ),
-    Term(
-        key="unseen",
-        text="zones of unobserved joints",
-        remedy="observe more of the body: add a camera, or use a tracker with more joints",
-    ),
-    Term(
-        key="seen",
-        text="zones of observed joints",
-        remedy="calibrate for this site (calibrate --onto shipped), or choose another predictor",
-    ),
-    Term(
-        key="margins",
-        text="margins: C, Z_d, Z_r, slow_margin_m, band_m, region_margins_m",
-        remedy="set person_uncertainty_m and robot_uncertainty_m to measured errors, and lower "
-        "slow_margin_m, which only makes the robot slow down earlier",
-    ),
-    Term(
-        key="place",
-        text="the position error reported by the tracker",
-        remedy="use a depth camera, or two cameras",
-    ),
-    Term(
-        key="release",
-        text="the wait before a release",
-        remedy="lower risk.release_captures, raise risk.speed_rise_m_s2",
-    ),
-    Term(
-        key="robot_state",
-        text="the age of the robot's state",
-        remedy="send RobotState more often, and measure motion.acceleration_m_s2",
-    ),
+    Term(key="silence_timeout", text="the controller's silence timeout"),
+    Term(key="reaction", text="the controller's reaction"),
+    Term(key="link_delay", text="the link's delay"),
+    Term(key="cycle", text="the node's cycle and encoding"),
+    Term(key="age", text="the age of the input"),
+    Term(key="stopping", text="the robot's stopping"),
+    Term(key="unseen", text="zones of unobserved joints"),
+    Term(key="seen", text="zones of observed joints"),
+    Term(key="margins", text="margins: C, Z_d, Z_r, slow_margin_m, band_m, region_margins_m"),
+    Term(key="place", text="the position error reported by the tracker"),
+    Term(key="release", text="the wait before a release"),
+    Term(key="robot_state", text="the age of the robot's state"),
 )
 """All terms, in the order in which they are removed."""
 

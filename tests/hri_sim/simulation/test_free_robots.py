@@ -1,4 +1,4 @@
-"""A free robot's course is that of an episode in which the node sees nobody, however long."""
+"""A free robot's course is that of an episode in which the node sees no person, however long."""
 
 import dataclasses
 

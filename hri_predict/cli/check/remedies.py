@@ -1,0 +1,85 @@
+"""Ways to reduce each term of the working distance in the cell as it is configured."""
+
+from collections.abc import Callable, Sequence
+
+from hri_predict.base.skeleton import in_words
+from hri_predict.run.config import Config
+
+BEST = "average"
+"""The shipped predictor with the smallest working distances (docs/guides/simulate.md)."""
+
+
+def remedy(key: str, config: Config, lacking: Sequence[str]) -> str:
+    """Return how to reduce a term.
+
+    Args:
+        key: see ``waterfall.Term``.
+        config: the cell.
+        lacking: joints that its joint map does not deliver.
+    """
+    found = _OF_THE_CELL.get(key)
+    return _ALWAYS[key] if found is None else found(config, lacking)
+
+
+_ALWAYS = {
+    "silence_timeout": "lower links.silence_timeout_s as far as the controller and this machine "
+    "allow; a note appears when it is too short",
+    "reaction": "measure it (hri-predict commission) and set links.reaction_s",
+    "link_delay": "use a faster link (links.delay_s)",
+    "place": "use a depth camera, or two cameras",
+    "release": "lower risk.release_captures, raise risk.speed_rise_m_s2",
+    "robot_state": "send RobotState more often, and measure motion.acceleration_m_s2",
+}
+
+
+def _cycle(config: Config, lacking: Sequence[str]) -> str:
+    rate = "max_rate_hz" if config.node.ticks == "capture" else "rate_hz"
+    return f"raise {rate}, if this machine keeps up"
+
+
+def _age(config: Config, lacking: Sequence[str]) -> str:
+    faster = "use a source with more scenes per second or less delay"
+    return faster if config.node.ticks == "capture" else f"set ticks: capture, and {faster}"
+
+
+def _stopping(config: Config, lacking: Sequence[str]) -> str:
+    unstated = any(robot.payload_kg is None for robot in config.node.robots)
+    load = "state the true payload_kg (the highest is assumed), " if unstated else ""
+    return (
+        f"{load}measure the stopping table, or let the robot move more slowly: a plan whose "
+        "points take longer, then a lower max_speed_m_s"
+    )
+
+
+def _unseen(config: Config, lacking: Sequence[str]) -> str:
+    if not lacking:
+        return "observe more of the body: add a camera"
+    joints = ", ".join(map(in_words, lacking))
+    return f"use another tracker or add a camera, to deliver what is inferred now ({joints})"
+
+
+def _seen(config: Config, lacking: Sequence[str]) -> str:
+    site = "calibrate for this site (hri-predict calibrate --onto shipped)"
+    return site if config.predictor.name == BEST else f"use predictor {BEST}, or {site}"
+
+
+def _margins(config: Config, lacking: Sequence[str]) -> str:
+    slow_m = config.node.risk.slow_margin_m
+    remedies = ["measure the errors that the other margins stand for"]
+    if slow_m:
+        remedies.insert(
+            0,
+            f"lower slow_margin_m from {slow_m:g}: the robot slows down later, S_p stays (listed "
+            "as less safe, because people then meet a faster robot)",
+        )
+    return ", and ".join(remedies)
+
+
+_OF_THE_CELL: dict[str, Callable[[Config, Sequence[str]], str]] = {
+    "cycle": _cycle,
+    "age": _age,
+    "stopping": _stopping,
+    "unseen": _unseen,
+    "seen": _seen,
+    "margins": _margins,
+}

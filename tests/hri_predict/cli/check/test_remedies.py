@@ -1,0 +1,54 @@
+"""The remedies of ``check`` fit the cell: none names what the cell has already, or cannot have."""
+
+from dataclasses import replace
+
+import pytest
+
+from hri_predict.cli.check.remedies import BEST, remedy
+from hri_predict.run import config as configuration
+from hri_predict.run.working_distance.waterfall import TERMS
+
+
+@pytest.fixture(scope="module")
+def cell():
+    return configuration.load(configuration.shipped("demo.yaml"))
+
+
+def with_node(cell, **changes):
+    return replace(cell, node=cell.node.model_copy(update=changes))
+
+
+@pytest.mark.parametrize("term", TERMS, ids=lambda term: term.key)
+def test_each_term_has_one(cell, term):
+    assert remedy(term.key, cell, ["l_foot"])
+
+
+def test_the_key_of_the_cycle_is_the_one_that_acts(cell):
+    assert "raise rate_hz" in remedy("cycle", with_node(cell, ticks="fixed"), [])
+    assert "raise max_rate_hz" in remedy("cycle", with_node(cell, ticks="capture"), [])
+    assert "ticks: capture" in remedy("age", with_node(cell, ticks="fixed"), [])
+    assert "ticks: capture" not in remedy("age", with_node(cell, ticks="capture"), [])
+
+
+def test_joints_that_are_inferred_are_named(cell):
+    assert "(left foot, head top)" in remedy("unseen", cell, ["l_foot", "head_top"])
+
+
+def test_a_better_predictor_is_named_only_if_there_is_one(cell):
+    assert f"use predictor {BEST}" not in remedy("seen", cell.with_predictor(BEST), [])
+    other = cell.with_predictor("constant_velocity")
+    assert f"use predictor {BEST}" in remedy("seen", other, [])
+
+
+def test_a_margin_of_0_is_not_to_be_lowered(cell):
+    risk = cell.node.risk
+    for margin_m, lower in ((0.25, True), (0.0, False)):
+        changed = with_node(cell, risk=risk.model_copy(update={"slow_margin_m": margin_m}))
+        assert ("lower slow_margin_m" in remedy("margins", changed, [])) == lower
+
+
+def test_a_payload_is_asked_for_where_none_is_stated(cell):
+    robots = cell.node.robots
+    for payload_kg, asked in ((None, True), (2.0, False)):
+        changed = [robot.model_copy(update={"payload_kg": payload_kg}) for robot in robots]
+        assert ("payload_kg" in remedy("stopping", with_node(cell, robots=changed), [])) == asked
