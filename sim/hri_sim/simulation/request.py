@@ -25,6 +25,7 @@ class SimulationRequest:
     tracker: str | None = None
     lacks: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
+    lost_limbs: float = 0.0
     noise_m: float | None = None
     wander_m: float | None = None
     episodes: int = 2000

@@ -58,6 +58,7 @@ class SimulationPlan(SimulationRequest):
             "tracker": self.tracker,
             "lacks": self.lacks or None,
             "hidden": self.hidden or None,
+            "lost_limbs": self.lost_limbs or None,
             "noise_m": self.noise_m,
             "wander_m": self.wander_m,
         }

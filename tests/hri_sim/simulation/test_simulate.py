@@ -98,11 +98,15 @@ def test_a_tracker_with_noise_changes_what_is_seen_in_both_ways_of_running(reque
 
 
 @pytest.mark.long
-def test_hidden_arms_change_what_is_seen_in_both_ways_of_running(request_of):
-    arms = tuple(f"{side}_{part}" for part in ("elbow", "wrist", "hand") for side in "lr")
+@pytest.mark.parametrize(
+    "seen",
+    [{"hidden": ("l_elbow", "l_wrist", "l_hand")}, {"lost_limbs": 0.4}],
+    ids=["an arm is hidden", "limbs get lost"],
+)
+def test_hidden_limbs_change_what_is_seen_in_both_ways_of_running(request_of, seen):
     walk = {"motions": ("procedural:0",), "episodes": 1}
     whole = simulate(request_of(**walk), lambda *_: None)
-    half = simulate(request_of(hidden=arms, **walk), lambda *_: None)
+    half = simulate(request_of(**seen, **walk), lambda *_: None)
     assert half.checks == 1
     assert half.disagreements == []
     assert [r.outcomes for r in half.results] != [r.outcomes for r in whole.results]

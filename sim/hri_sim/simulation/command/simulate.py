@@ -94,7 +94,8 @@ def simulate(
         list[str] | None,
         typer.Option(
             help="Tracker whose joints are delivered: a joint map's name (coco17) or file, or "
-            f"{', '.join(own_sights())}; repeatable with --distance.",
+            f"{', '.join(own_sights())}; joined by + if several apply (coco17+legs-hidden); "
+            "repeatable with --distance.",
         ),
     ] = None,
     noise: Annotated[
@@ -307,6 +308,7 @@ def simulate(
         tracker=sight.tracker,
         lacks=sight.lacks,
         hidden=sight.hidden,
+        lost_limbs=sight.lost,
         noise_m=_one("--noise", noise, "a simulation of approaches"),
         wander_m=wander,
         episodes=episodes,

@@ -131,27 +131,51 @@ def own_sights() -> list[str]:
 
 
 def sights(names: Sequence[str]) -> list[Sight]:
-    """Return the sights for ``--tracker``: a name in ``SIGHTS``, or any joint map's name or file.
+    """Return the sights for ``--tracker``.
+
+    Args:
+        names: a name in ``SIGHTS``, or any joint map's name or file; with ``+`` several together,
+            such as ``coco17+legs-hidden`` for such a tracker in front of a bench.
 
     Raises:
-        ConfigError: unknown name.
+        ConfigError: unknown name; two joint maps in one.
     """
-    found = []
-    for name in names:
-        if name in SIGHTS:
-            found.append(SIGHTS[name])
-            continue
-        known = [*SIGHTS, *map_names()]
-        if name not in known and not name.endswith(YAML_ENDINGS):
-            raise ConfigError(
-                f"--tracker {name}: unknown{nearest(name, known)} ({', '.join(SIGHTS)}; or the "
-                f"name or file of any joint map)"
-            )
-        load_joint_map(name)
-        is_file = name.endswith(YAML_ENDINGS)
-        tracker = str(Path(name).absolute()) if is_file else name
-        found.append(Sight(name=Path(name).stem if is_file else name, tracker=tracker))
-    return found
+    split = [[name] if Path(name).is_file() else name.split("+") for name in names]
+    return [
+        _together(name, [_sight(part) for part in parts])
+        for name, parts in zip(names, split, strict=True)
+    ]
+
+
+def _together(name: str, parts: Sequence[Sight]) -> Sight:
+    """Return what a tracker sees to which all parts apply."""
+    if len(parts) == 1:
+        return parts[0]
+    maps = [part.tracker for part in parts if part.tracker is not None]
+    if len(maps) > 1:
+        raise ConfigError(f"--tracker {name}: {len(maps)} joint maps; a tracker has one")
+    return Sight(
+        name="+".join(part.name for part in parts),
+        tracker=maps[0] if maps else None,
+        lacks=tuple(dict.fromkeys(joint for part in parts for joint in part.lacks)),
+        hidden=tuple(dict.fromkeys(joint for part in parts for joint in part.hidden)),
+        lost=max(part.lost for part in parts),
+    )
+
+
+def _sight(name: str) -> Sight:
+    if name in SIGHTS:
+        return SIGHTS[name]
+    known = [*SIGHTS, *map_names()]
+    if name not in known and not name.endswith(YAML_ENDINGS):
+        raise ConfigError(
+            f"--tracker {name}: unknown{nearest(name, known)} ({', '.join(SIGHTS)}; or the name "
+            f"or file of any joint map; or several joined by +)"
+        )
+    load_joint_map(name)
+    is_file = name.endswith(YAML_ENDINGS)
+    tracker = str(Path(name).absolute()) if is_file else name
+    return Sight(name=Path(name).stem if is_file else name, tracker=tracker)
 
 
 def activities(names: Sequence[str], data: Path | None) -> tuple[list[Activity], list[str]]:

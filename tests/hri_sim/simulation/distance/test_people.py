@@ -92,6 +92,17 @@ def test_trackers_are_named_sights_or_any_joint_map(tmp_path):
         sights(["coco71"])
 
 
+def test_what_several_sights_hide_is_hidden_from_one_tracker():
+    (both,) = sights(["coco17+legs-hidden+limbs-lost"])
+    assert both.tracker == "coco17"
+    assert both.hidden == SIGHTS["legs-hidden"].hidden
+    assert both.lost == SIGHTS["limbs-lost"].lost
+    with pytest.raises(ConfigError, match="2 joint maps; a tracker has one"):
+        sights(["coco17+zed34"])
+    with pytest.raises(ConfigError, match="did you mean 'legs-hidden'"):
+        sights(["coco17+leg-hidden"])
+
+
 def test_what_is_hidden_is_known_to_the_tracker_and_what_it_lacks_is_not():
     def joints(sight):
         case = Case(
