@@ -67,7 +67,12 @@ def cached(name: str, make: Callable[[], bytes]) -> bytes:
     try:
         atomic_write(path, _digest(name, content) + content)
     except OSError as error:
-        log.debug("cache: %s was not saved: %s", path, error.strerror)
+        log.warning(
+            "cache: %s was not saved (%s), so the next start makes it again; free space there, or "
+            "set HRI_PREDICT_CACHE to another folder",
+            path,
+            error.strerror,
+        )
     _remove_unused(folder)
     return content
 

@@ -65,6 +65,8 @@ def read_amass(path: Path, wanted: Wanted) -> Recording:
             f"'joints' (frames, joints, 3), metres"
         )
     raw = np.asarray(arrays[key])
+    if raw.ndim == 3 and not len(raw):
+        raise RecordingError(f"recording {path}: '{key}' has no frames; record again")
     if raw.ndim != 3 or raw.shape[2] != 3 or 0 in raw.shape or raw.dtype.kind not in "fiu":
         raise RecordingError(
             f"recording {path}: '{key}' is {raw.dtype} of shape {raw.shape}; expected numbers of "

@@ -62,11 +62,13 @@ def check(flag: str, path: Path) -> None:
     """Check that the file can be written, before anything is measured.
 
     Raises:
-        ConfigError: the path is a folder, or its folder cannot be written.
+        ConfigError: the path is not a file, or its folder cannot be written.
     """
     with writing(f"{flag} {path}", "name another file"):
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if path.exists() and not path.is_file():
+            raise OSError(errno.EINVAL, "not a file")
         path.parent.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=path.parent).close()
 

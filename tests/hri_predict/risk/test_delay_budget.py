@@ -61,4 +61,6 @@ def test_a_budget_past_the_horizon_is_refused():
     budget.check("b", 0.56, 1.0, False)
     with pytest.raises(ConfigError, match=r"predictor.horizon_s.*robot b.*0.440.*0.600.*1.000"):
         budget.check("b", 0.6, 1.0, False)
+    with pytest.raises(ConfigError, match=r"0\.120 s of it are source.stale_s"):
+        budget.check("b", 0.6, 1.0, False)
     budget.check("b", 0.6, 1.0, True)

@@ -1,6 +1,7 @@
 """Comparing with an earlier bench: what is worse, better, new or gone; and wrong files."""
 
 import json
+import os
 
 import pytest
 
@@ -121,6 +122,12 @@ def test_a_missing_file_is_named(tmp_path):
 def test_a_file_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(ConfigError, match="cannot be written"):
         saved.save(tmp_path, json.loads("{}"))
+
+
+def test_a_pipe_is_refused_before_anything_is_measured(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ConfigError, match=r"--save .*pipe: cannot be written: not a file"):
+        saved.check("--save", tmp_path / "pipe")
 
 
 def test_another_machine_is_told():

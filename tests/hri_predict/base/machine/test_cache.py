@@ -132,12 +132,17 @@ def test_nothing_is_written_through_a_pipe_or_link(folder, put):
 
 
 @pytest.mark.parametrize("named", ["", "/proc/no/such/folder", "/dev/null/x"])
-def test_without_a_folder_that_can_be_written_nothing_is_kept(monkeypatch, named):
+def test_without_a_folder_that_can_be_written_nothing_is_kept_and_it_says_so(
+    monkeypatch, caplog, named
+):
     monkeypatch.setenv("HRI_PREDICT_CACHE", named)
     make = Made()
     assert cached("a", make) == cached("a", make) == b"content"
     assert make.times == 2
     forget("a")
+    warned = [record.getMessage() for record in caplog.records]
+    assert all("set HRI_PREDICT_CACHE to another folder" in line for line in warned)
+    assert len(warned) == (2 if named else 0)  # no folder: as asked
 
 
 def test_the_folder_is_the_own_one_or_the_service_s_or_the_user_s(monkeypatch, tmp_path):

@@ -109,3 +109,10 @@ def test_names_as_bytes_or_text_of_any_shape(save, kind, shape):
     names = np.array(SMPL[:22]).astype(kind).reshape(shape)
     path = save(joints=np.ones((3, 22, 3)), joint_names=names, fps=30)
     assert open_recording(path).joint_map.source_joints == SMPL[:22]
+
+
+def test_an_archive_without_frames_says_so(tmp_path):
+    path = tmp_path / "none.npz"
+    np.savez(path, joints=np.zeros((0, 22, 3)), mocap_framerate=30.0)
+    with pytest.raises(RecordingError, match="'joints' has no frames"):
+        open_recording(path)
