@@ -1,4 +1,4 @@
-"""Courses of robots that see nobody: what an approach is without protection.
+"""Courses of robots that see no person: what an approach is without protection.
 
 Such a course depends on the robots' start and on the losses on the wire alone, not on people. The
 losses follow from the start here, so all approaches with one start share a course; the longest so
@@ -21,7 +21,7 @@ class FreeRobots:
 
     Args:
         cell: the parts that stay the same.
-        variant: any way to judge risk, because there is nobody to judge.
+        variant: any way to judge risk, because there is no person to judge.
     """
 
     def __init__(self, cell: Cell, variant: Variant) -> None:
@@ -29,7 +29,7 @@ class FreeRobots:
         self._known: dict[int, Log] = {}
 
     def log(self, scenario: Scenario, bodies: MotionTicks, truth: SharedTruth) -> Log:
-        """Return the log of an approach whose robots see nobody."""
+        """Return the log of an approach whose robots see no person."""
         stamps = [snapshot.now_ns for snapshot in bodies.snapshots]
         known = self._known.get(scenario.start)
         if known is None or known.course.stamps_ns[: len(stamps)] != stamps:
