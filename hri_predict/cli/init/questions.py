@@ -153,7 +153,7 @@ def ask_mode(asker: Asker, mode: str | None, changes: list[str]) -> str:
 
 
 def ask_source(
-    asker: Asker, kind: str | None, joint_map: str | None, changes: list[str], base_dir: Path
+    asker: Asker, *, kind: str | None, joint_map: str | None, changes: list[str], base_dir: Path
 ) -> dict[str, Any]:
     """Return the source's block with its joint map and its required keys."""
     kinds = [name for name in registry.names("sources") if name not in NOT_IN_A_CELL]
@@ -335,7 +335,11 @@ def ask_all(
     return Answers(
         robot=model,
         max_speed_m_s=ask_speed(asker, max_speed, model, base_dir),
-        source={} if simulated else ask_source(asker, source, joint_map, changes, base_dir),
+        source={}
+        if simulated
+        else ask_source(
+            asker, kind=source, joint_map=joint_map, changes=changes, base_dir=base_dir
+        ),
         links=[] if simulated else ask_links(asker, links, changes),
         mode=ask_mode(asker, mode, changes),
         predictor=ask_predictor(asker, predictor, changes),
