@@ -28,13 +28,22 @@ def set_key(data: dict[str, Any], change: str) -> None:
     at: Any = data
     for key, after in itertools.pairwise(path):
         empty: Any = [] if after.isdecimal() else {}
-        at = _entry(at, key) if isinstance(at, list) else at.setdefault(key, empty)
-        if not isinstance(at, dict) and not (isinstance(at, list) and _entry(at, after)):
+        at = at[_index(at, key, change)] if isinstance(at, list) else at.setdefault(key, empty)
+        if isinstance(at, list):
+            _index(at, after, change, key)
+        elif not isinstance(at, dict):
             raise ConfigError(f"--set {change}: '{key}' has no keys; see the configuration")
-    at[path[-1]] = value
+    at[_index(at, path[-1], change) if isinstance(at, list) else path[-1]] = value
 
 
-def _entry(entries: list[Any], index: str) -> Any:
-    """Return the entry of a list at ``index``, or ``None``."""
+def _index(entries: list[Any], index: str, change: str, key: str = "") -> int:
+    """Return the number of an entry that a list has.
+
+    Raises:
+        ConfigError: it has no such entry.
+    """
     number = whole(index)
-    return entries[number] if number is not None and number < len(entries) else None
+    if number is None or number >= len(entries):
+        has = f"entries 0 to {len(entries) - 1}" if entries else "no entries yet"
+        raise ConfigError(f"--set {change}: '{key}' is a list and has {has}; name one of them")
+    return number

@@ -28,6 +28,8 @@ detect a body (depth cameras: 6 m).
 """
 NEAR_M = 5.0
 """Distance below which a robot is not reported."""
+MILLIMETRES = 100.0
+"""Minimum coordinate for which a number in metres is proposed: a thousandth of it is 10 cm."""
 MAX_REGION_M = 40.0
 """Maximum distance of a zone, door or shadow from the nearest robot or source; nothing is observed
 beyond.
@@ -45,15 +47,15 @@ def check_places(config: Config, robots: Sequence[RobotModel]) -> None:
     for i, model in enumerate(robots):
         if model.base is None:
             continue  # it drives
-        key = config.place("robots", i, "room_from_robot")
         beyond_m, what = _distance(config, model)
         seen = _view(config) is not None
         if beyond_m > (MAX_FROM_VIEW_M if seen else MAX_FROM_SOURCE_M):
-            far = max(model.base.tolist(), key=abs)
+            key, far = _farthest(config, i, model.base.tolist())
+            hint = meant(far, "m") if abs(far) >= MILLIMETRES else "metres are meant"
             more = "" if seen else ", or define its view with source.field_of_view"
             raise ConfigError(
-                f"{key}: what robot {model.name} reaches ends {beyond_m:.3g} m from {what}, so no "
-                f"person would be seen near it; correct one of the two ({meant(far, 'm')}){more}"
+                f"{config.place(*key)}: what robot {model.name} reaches ends {beyond_m:.3g} m from "
+                f"{what}, so no person would be seen near it; correct one of the two ({hint}){more}"
             )
     _check_regions(config, robots)
     for i, door in enumerate(config.node.people.exits):
@@ -64,6 +66,26 @@ def check_places(config: Config, robots: Sequence[RobotModel]) -> None:
                 f"person lost anywhere in it is treated as gone; give only the floor in front of "
                 f"the door, at most {MAX_EXIT_M2:g} m2, in metres"
             )
+
+
+def _farthest(config: Config, robot: int, base: list[float]) -> tuple[tuple[str | int, ...], float]:
+    """Return the key that is farther from the room's origin, the robot's base or what is seen,
+    because it is more likely the mistake; and its largest coordinate.
+    """
+    source, room = config.source, config.node.people.room
+    seen: tuple[str | int, ...]
+    if source.field_of_view is not None:
+        seen = ("source", "field_of_view")
+        at = [v for corner in source.field_of_view.polygon for v in corner]
+    elif room is not None:
+        seen, at = ("people", "room"), [v for corner in room.polygon for v in corner]
+    else:
+        at = min(source.known_places, key=lambda place: math.dist(place[:2], base[:2]))
+        stated = list(at) == list(source.room_from_source.xyz)
+        seen = ("source", "room_from_source") if stated else ("source",)
+    both = {("robots", robot, "room_from_robot"): base, seen: at}
+    key = max(both, key=lambda each: max(map(abs, both[each])))
+    return key, max(both[key], key=abs)
 
 
 def _check_regions(config: Config, robots: Sequence[RobotModel]) -> None:

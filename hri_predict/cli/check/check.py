@@ -69,7 +69,8 @@ def check(
     than risk.person_uncertainty_m.
 
     With --listen, check the people in the source against gravity and the floor. Exit status 1, with
-    the correct axes, if they lie in the air, hang upside down or have left and right swapped.
+    the correct axes, if they lie in the air, hang upside down or have left and right swapped; also
+    if no person's feet show the floor.
 
     With --realtime, list what this machine lacks for a steady loop and how to set it, and measure
     the wake-up latency of a bare loop. Exit status 1 if a setting under realtime: is not available.

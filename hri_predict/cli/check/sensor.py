@@ -10,6 +10,15 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.geometry import transform
 from hri_predict.base.skeleton import JOINTS
+from hri_predict.cli.check.floor import (
+    ANKLE_M,
+    LEAST_CAPTURES,
+    floor_lines,
+    floor_of,
+    impossible,
+    shows_sides,
+    verified,
+)
 from hri_predict.cli.register.points import point_from
 from hri_predict.cli.register.sight import choose_joint, opened, place_of, stamps_remedy
 from hri_predict.cli.register.solve import quaternion
@@ -82,13 +91,10 @@ def show_touch(found: dict[str, Any], as_json: bool) -> bool:
 
 # -- check --listen: do the people of a live source stand on the floor, and if not, what would? ----
 
-LEAST_CAPTURES = 10
 IN_SCENE = ("json", "websocket", "zed_livelink")
 """Kinds of source with units and axes in each scene; those of the joint map are ignored."""
 IN_SOURCE = ("mvn", "recording")
 """Kinds of source whose own block has keys for units and axes, which replace the joint map's."""
-ANKLE_M = 0.08
-"""Height of a standing person's ankles above the floor."""
 STANDS = 0.95
 """Cosine above which people stand straight: the axes are right, and only the floor is wrong."""
 Heard = dict[int, tuple[Floats, Bools]]
@@ -119,6 +125,10 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
         "judged": 0,
         "refused": [],
         "remedy": None,
+        "floor": None,
+        "ankles_m": None,
+        "heights_m": {},
+        "sides": False,
         "unknown_joints": unknown,
         "stamps": stamps_remedy(sensor.captured_ns, sensor.arrived_ns),
         "never_came": [name for name, lacks in zip(JOINTS, never, strict=True) if lacks],
@@ -134,20 +144,35 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
         }
     people = {n: p for n, p in people.items() if len(p[0]) >= LEAST_CAPTURES}
     why = refusals(config, people, np.eye(4))
-    judged = sum(any(map(shows_down, seen)) for _, seen in people.values())
+    unchecked = config.node.people.posture_unchecked is not None
+    judged = 0 if unchecked else sum(any(map(shows_down, seen)) for _, seen in people.values())
     return heard | {
         "people": len(people),
-        "judged": judged if config.node.people.posture_unchecked is None else 0,
+        "judged": judged,
         "refused": sorted({verdict.text for verdict in why}),
         "remedy": remedy(config, people, to_metres / scale_to_m) if why else None,
+        **({} if why or unchecked else _on_floor(config, people)),
     }
+
+
+def _on_floor(config: Config, people: Heard) -> dict[str, Any]:
+    """Return what people whose posture is possible show of the floor and of their sides."""
+    facts = floor_of(people, config.node.people.floor_m)
+    found = {
+        "floor": facts.floor.value,
+        "ankles_m": facts.ankles_m,
+        "heights_m": facts.heights_m,
+        "sides": shows_sides(people),
+    }
+    wrong = impossible(facts, config.source.room_from_source.xyz[2])
+    return found if wrong is None else found | {"refused": [wrong[0]], "remedy": wrong[1]}
 
 
 def show(found: dict[str, Any], config: Config, as_json: bool) -> bool:
     """Print the findings; return whether a person was verified and all names are known."""
     unchecked = config.node.people.posture_unchecked is not None
     fine = not found["refused"] and not found["unknown_joints"] and not found.get("stamps")
-    fine = fine and bool(found["judged"] or (unchecked and found["people"]))
+    fine = fine and bool(found["people"] if unchecked else found["judged"] and verified(found))
     if as_json:
         print(json.dumps(found))
         return fine
@@ -173,8 +198,8 @@ def show(found: dict[str, Any], config: Config, as_json: bool) -> bool:
             "the orientation could not be verified: have a person stand in view, trunk and "
             "legs visible"
         )
-    elif fine:
-        print("ok: bodies stand upright on the floor, left and right correct")
+    else:
+        print("\n".join(floor_lines(found, fine)))
     return fine
 
 
@@ -235,6 +260,8 @@ def remedy(config: Config, people: Heard, rotation: Floats) -> str:
     now = refusals(config, people, np.eye(4))
     if now == [Verdict.OFF_FLOOR] * len(people) and uprightness(people, np.eye(4)) > STANDS:
         return _off_floor(config, people)
+    if set(now) == {Verdict.OUT_OF_VIEW} and uprightness(people, np.eye(4)) > STANDS:
+        return _out_of_view(people)
     pose = config.source.room_from_source.matrix()
     for hands in (1.0, -1.0):  # all proper axes before any that mirror
         best, chosen = 0.0, ""
@@ -254,9 +281,10 @@ def remedy(config: Config, people: Heard, rotation: Floats) -> str:
                 )
         if chosen:
             return chosen
+    view = "source.field_of_view, " if Verdict.OUT_OF_VIEW in now else ""
     return (
         "no exchange of axes makes them stand; measure the pose with hri-predict register, and "
-        "check people.floor_m and the joint map's joints and units"
+        f"check {view}people.floor_m and the joint map's joints and units"
     )
 
 
@@ -290,6 +318,17 @@ def _named(axes: list[str], matrix: Floats, *, mirrored: bool, upright: bool, pl
     )
 
 
+def _out_of_view(people: Heard) -> str:
+    """Return the remedy for people who stand, but not where the source sees."""
+    places = [np.median(positions[observed], axis=0) for positions, observed in people.values()]
+    shown = ", ".join(f"[{x:.2f}, {y:.2f}, {z:.2f}]" for x, y, z in places[:3])
+    return (
+        f"the middles of bodies are at {shown} in the room: if people were there, enlarge "
+        f"source.field_of_view (polygon, z_min, z_max); if not, measure the heading and the place "
+        f"with hri-predict register"
+    )
+
+
 def _off_floor(config: Config, people: Heard) -> str:
     feet = [
         posture.feet_m
@@ -300,7 +339,7 @@ def _off_floor(config: Config, people: Heard) -> str:
     floor_m = config.node.people.floor_m
     if not feet:
         return (
-            f"bodies are below the floor and people.floor_m is {floor_m:g}: correct it, or the "
+            f"people.floor_m is {floor_m:g}: correct it, or the "
             f"height in source.room_from_source.xyz"
         )
     at_m = float(np.median(feet))

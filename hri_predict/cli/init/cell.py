@@ -12,7 +12,7 @@ from hri_predict.contracts import registry
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.trajectory import load_trajectory
 
-ORIGIN = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
+PREDICTOR = "constant_velocity"
 HORIZONS_S = (1.2, 1.6, 2.0, 3.0)
 """Candidate horizons; the first one long enough for the robot to stop is used."""
 _SHOWN = ("joint_map", "rate_hz", "host", "port", "baudrate", "min_latency_s", "interface",
@@ -45,6 +45,7 @@ class Answers:
         max_speed_m_s: maximum speed of the robot's fastest point.
         source, links: blocks of the source and of the links.
         mode: mode of the risk stage.
+        predictor: its name.
         simulated: without hardware: ``source`` and ``links`` are not used.
     """
 
@@ -52,8 +53,14 @@ class Answers:
     max_speed_m_s: float
     mode: str
     simulated: bool
+    predictor: str = PREDICTOR
     source: dict[str, Any] = field(default_factory=dict)
     links: list[dict[str, Any]] = field(default_factory=list)
+
+
+def _origin() -> dict[str, Any]:
+    """Return a pose of its own, of which ``--set`` may change a number."""
+    return {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
 
 
 def robot_block(model: str, max_speed_m_s: float, base_dir: Path) -> dict[str, Any]:
@@ -65,7 +72,7 @@ def robot_block(model: str, max_speed_m_s: float, base_dir: Path) -> dict[str, A
     block = {
         "name": "arm",
         "model": model,
-        "room_from_robot": ORIGIN,
+        "room_from_robot": _origin(),
         "max_speed_m_s": _plain(max_speed_m_s),
         "motion": {"kind": "state"},
     }
@@ -80,7 +87,7 @@ def source_block(kind: str) -> dict[str, Any]:
         ConfigError: the source does not exist.
     """
     model = registry.load("sources", kind).settings_model
-    return {"kind": kind, "room_from_source": ORIGIN} | _shown(model, {"rate_hz": _RATE_HZ})
+    return {"kind": kind, "room_from_source": _origin()} | _shown(model, {"rate_hz": _RATE_HZ})
 
 
 def link_block(text: str, taken: list[str]) -> dict[str, Any]:
@@ -148,7 +155,7 @@ def cell(answers: Answers, base_dir: Path, horizon_s: float, door_m: float) -> d
         corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
         exit_ = [[round(x + dx, 1), round(y + dy, 1)] for dx, dy in corners]
         data["people"] = {"exits": [{"polygon": exit_}]}
-    data["predictor"] = {"name": "constant_velocity", "horizon_s": horizon_s}
+    data["predictor"] = {"name": answers.predictor, "horizon_s": horizon_s}
     data["robots"] = [robot]
     data["risk"] = {
         "mode": answers.mode,

@@ -40,11 +40,18 @@ def init(
     source: Annotated[
         str | None, typer.Option(help="Kind of source, such as udp, json, mvn.")
     ] = None,
+    joint_map: Annotated[
+        str | None,
+        typer.Option(help="The sender's joints: a shipped joint map, such as coco17, or a file."),
+    ] = None,
     link: Annotated[
         list[str] | None,
         typer.Option(help="can:INTERFACE:CHANNEL, serial:PORT, a kind, or none. Repeatable."),
     ] = None,
     mode: Annotated[str | None, typer.Option(help="Mode of the risk stage.")] = None,
+    predictor: Annotated[
+        str | None, typer.Option(help="Predictor of people's motion, such as average.")
+    ] = None,
     change: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Set any key, such as source.port=47801."),
@@ -74,9 +81,10 @@ def init(
     beside = path.parent / SCHEMA_FILE
     _refuse_existing(path, beside if with_schema else None, force)
     if simulated:
-        without_effect({"--source": source, "--link": link or None}, "with --simulated")
+        unused = {"--source": source, "--joint-map": joint_map, "--link": link or None}
+        without_effect(unused, "with --simulated")
     asker = Asker(yes)
-    given = [source, *(link or [])]
+    given = [source, joint_map, *(link or [])]
     answers = ask_all(
         asker,
         base_dir=path.parent,
@@ -84,8 +92,10 @@ def init(
         robot=robot,
         max_speed=max_speed,
         source=source,
+        joint_map=joint_map,
         links=link or [],
         mode=mode,
+        predictor=predictor,
         changes=change or [],
     )
     from hri_predict.cli.settings_page.schema import schema

@@ -11,13 +11,14 @@ import typer
 import yaml
 from pydantic import ValidationError
 
-from hri_predict.base.errors import ConfigError, HriPredictError
-from hri_predict.base.files import data_path, load_yaml, yaml_problem
+from hri_predict.base.errors import ConfigError, HriPredictError, nearest
+from hri_predict.base.files import YAML_ENDINGS, data_path, load_yaml, yaml_problem
 from hri_predict.base.set_key import set_key
 from hri_predict.base.settings import Mistake, Settings, mistakes
 from hri_predict.cli.common import one_of
-from hri_predict.cli.init.cell import Answers, link_block, robot_block, source_block
+from hri_predict.cli.init.cell import PREDICTOR, Answers, link_block, robot_block, source_block
 from hri_predict.contracts import registry
+from hri_predict.contracts.joint_map import load_joint_map, map_names
 from hri_predict.risk.settings import RISK_MODES
 
 T = TypeVar("T")
@@ -151,14 +152,65 @@ def ask_mode(asker: Asker, mode: str | None, changes: list[str]) -> str:
     return asker.take("--mode", mode, question=question, default="predictive", check=check)
 
 
-def ask_source(asker: Asker, kind: str | None, changes: list[str]) -> dict[str, Any]:
-    """Return the source's block with its required keys."""
+def ask_source(
+    asker: Asker, *, kind: str | None, joint_map: str | None, changes: list[str], base_dir: Path
+) -> dict[str, Any]:
+    """Return the source's block with its joint map and its required keys."""
     kinds = [name for name in registry.names("sources") if name not in NOT_IN_A_CELL]
+
+    def check(text: str) -> dict[str, Any]:
+        if text not in kinds:
+            close = nearest(text, kinds)
+            raise ConfigError(f"unknown source '{text}'{close}; available: {', '.join(kinds)}")
+        return source_block(text)
+
     if asker.asks and kind is None:
         say(f"Sources of people: {', '.join(kinds)}.")
-    block = asker.take("--source", kind, question="Source", default="udp", check=source_block)
+    block = asker.take("--source", kind, question="Source", default="udp", check=check)
     model = registry.load("sources", block["kind"]).settings_model
+    if "joint_map" in block and not any(c.startswith("source.joint_map=") for c in changes):
+        block["joint_map"] = ask_joint_map(asker, joint_map, block["joint_map"], base_dir)
+    elif joint_map is not None:
+        raise ConfigError(
+            f"--joint-map: has no effect with source {block['kind']}, or if --set names one; leave "
+            "it out"
+        )
     return completed(asker, model, block, where="source", changes=changes)
+
+
+def ask_joint_map(asker: Asker, joint_map: str | None, default: str, base_dir: Path) -> str:
+    """Return the map of the joints that the sender names."""
+
+    def check(text: str) -> str:
+        load_joint_map(str(base_dir / text) if text.endswith(YAML_ENDINGS) else text)
+        return text
+
+    if asker.asks and joint_map is None:
+        named = [name for name in map_names() if name != "bvh"]
+        say(
+            f"Joint maps, after the sender's joints: {', '.join(named)}; or the path of your own "
+            "file (docs/guides/live-sources.md)."
+        )
+    return asker.take("--joint-map", joint_map, question="Joint map", default=default, check=check)
+
+
+def ask_predictor(asker: Asker, predictor: str | None, changes: list[str]) -> str:
+    """Return the name of the predictor of people's motion."""
+
+    def check(text: str) -> str:
+        registry.load("predictors", text)
+        return text
+
+    if predictor is None and any(c.startswith("predictor.name=") for c in changes):
+        return PREDICTOR  # replaced later
+    if asker.asks and predictor is None:
+        say(
+            f"Predictors: {', '.join(registry.names('predictors'))}. With average, people may work "
+            "nearer (docs/guides/choose-a-predictor.md)."
+        )
+    return asker.take(
+        "--predictor", predictor, question="Predictor", default=PREDICTOR, check=check
+    )
 
 
 def ask_links(asker: Asker, links: list[str], changes: list[str]) -> list[dict[str, Any]]:
@@ -262,8 +314,10 @@ def ask_all(
     robot: str | None,
     max_speed: float | None,
     source: str | None,
+    joint_map: str | None,
     links: list[str],
     mode: str | None,
+    predictor: str | None,
     changes: list[str],
 ) -> Answers:
     """Ask all questions in order, except those answered by a flag.
@@ -281,8 +335,13 @@ def ask_all(
     return Answers(
         robot=model,
         max_speed_m_s=ask_speed(asker, max_speed, model, base_dir),
-        source={} if simulated else ask_source(asker, source, changes),
+        source={}
+        if simulated
+        else ask_source(
+            asker, kind=source, joint_map=joint_map, changes=changes, base_dir=base_dir
+        ),
         links=[] if simulated else ask_links(asker, links, changes),
         mode=ask_mode(asker, mode, changes),
+        predictor=ask_predictor(asker, predictor, changes),
         simulated=simulated,
     )

@@ -12,12 +12,15 @@ import numpy as np
 from hri_predict.base.arrays import Floats
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.quantities.units import meant
 from hri_predict.contracts.link import Received
 from hri_predict.protocol.messages import RobotState
 from hri_predict.robots.model import RobotModel
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 
+FARTHEST_M = 100.0
+"""Maximum coordinate of a touched point: a larger one is in millimetres."""
 FRESH_S = 1.0
 """Time limit for the RobotState that gives the tool's position."""
 
@@ -44,15 +47,21 @@ def point_from(text: str, numbers: int, where: str) -> Floats:
     """Return ``x,y,z`` (or ``x,y``) as metres.
 
     Raises:
-        ConfigError: the number of finite values is wrong.
+        ConfigError: the number of finite values is wrong, or one is not in metres.
     """
     try:
         point = [float(part) for part in text.split(",")]
     except ValueError:
         point = []
-    if len(point) != numbers or not all(math.isfinite(v) and abs(v) <= 1000 for v in point):
-        letters = ",".join("xyz"[:numbers])
+    letters = ",".join("xyz"[:numbers])
+    if len(point) != numbers or not all(map(math.isfinite, point)):
         raise ConfigError(f"{where} {text}: give {numbers} numbers: {letters} (m, room)")
+    far = max(point, key=abs)
+    if abs(far) > FARTHEST_M:
+        raise ConfigError(
+            f"{where} {text}: {letters[point.index(far) * 2]} is {far:g} m from the room's origin; "
+            f"{meant(far, 'm')}"
+        )
     return np.array(point)
 
 

@@ -55,8 +55,19 @@ def test_an_entry_that_a_list_does_not_have_is_refused(index):
     data = {"several": [{"speed": 1}]}
     set_key(data, "several.0.speed=2")
     assert data == {"several": [{"speed": 2}]}
-    with pytest.raises(ConfigError, match="'several' has no keys"):
+    with pytest.raises(ConfigError, match="'several' is a list and has entries 0 to 0"):
         set_key(data, f"several.{index}.speed=2")
+    with pytest.raises(ConfigError, match="'several' is a list and has entries 0 to 0"):
+        set_key(data, f"several.{index}=2")
+
+
+def test_an_entry_of_a_list_is_set_whatever_it_is():
+    data = {"pose": {"xyz": [0, 0.0, None]}, "names": ["a"]}
+    for change in ("pose.xyz.0=1", "pose.xyz.2=1.9", "names.0=b"):
+        set_key(data, change)
+    assert data == {"pose": {"xyz": [1, 0.0, 1.9]}, "names": ["b"]}
+    with pytest.raises(ConfigError, match="'links' is a list and has no entries yet"):
+        set_key(data, "links.0.speed=2")
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from tests.hri_predict.run.review.cells import cell
 
 ARM = "room_from_robot: {xyz: [0, 0, 0]"
 VIEW = "  kind: procedural\n  field_of_view: {polygon: [[-3, -3], [3, -3], [3, 3], [-3, 3]]}\n"
+FAR_VIEW = "  kind: procedural\n  field_of_view: {polygon: [[30, 0], [33, 0], [33, 3], [30, 3]]}\n"
 ROOM = "people: {room: {polygon: [[-3, -3], [3, -3], [3, 3], [-3, 3]]}, "
 
 
@@ -51,6 +52,30 @@ def test_a_source_in_centimetres_is_refused_as_well(tmp_path):
                 ("room_from_source: {xyz: [0, 0, 0]", "room_from_source: {xyz: [60, 40, 2]"),
             )
         )
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        (
+            [
+                ("source: {xyz: [0, 0, 0]", "source: {xyz: [-20, 0, 1.9]"),
+                ("start: [1.0, 0.1]", "start: [-20, 0]"),
+            ],
+            "cell.yaml:4: source.room_from_source",
+        ),
+        (
+            [("  kind: procedural\n", FAR_VIEW)],
+            "cell.yaml:4: source.field_of_view",
+        ),
+        ([(ARM, "room_from_robot: {xyz: [30, 0, 0.75]")], "cell.yaml:10: robots.0.room_from_robot"),
+    ],
+)
+def test_the_key_that_is_far_from_the_origin_is_named_without_a_guess_of_millimetres(
+    tmp_path, changes, key
+):
+    with pytest.raises(ConfigError, match=rf"{key}: .*\(metres are meant\)"):
+        built(cell(tmp_path, *changes))
 
 
 @pytest.mark.parametrize("what", [("  kind: procedural\n", VIEW), ("people: {", ROOM)])

@@ -303,7 +303,7 @@ def simulate(
         calibrations=tuple(path.absolute() for path in calibration or ()),
         modes=_each_once("--mode", mode),
         coverages=tuple(coverage or ()),
-        motions=_motions(data or [Path("../shared/data")], split),
+        motions=_motions(data or [_default_data()], split),
         joint_map=None if joint_map is None else map_path(joint_map),
         tracker=sight.tracker,
         lacks=sight.lacks,
@@ -355,6 +355,21 @@ def _shipped_weights(predictor: str | None) -> str | None:
             f"--predictor {predictor}: not with --occlude; name weights in the configuration"
         )
     return predictor
+
+
+def _default_data() -> Path:
+    """Return the data pack next to the project.
+
+    Raises:
+        ConfigError: it is not there.
+    """
+    folder = Path("../shared/data")
+    if not folder.exists():
+        raise ConfigError(
+            f"the data pack with recordings of people is not in {folder}; name its folder or your "
+            f"own recordings with --data, or take scripted people: --data {_PROCEDURAL}"
+        )
+    return folder
 
 
 def _motions(data: list[Path], split: str | None) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write
 from hri_predict.base.looks import can_plot
 from hri_predict.base.work.workers_for import workers_for
-from hri_predict.cli.common import writing
+from hri_predict.cli.common import warn, writing
 from hri_predict.lab.evaluation.table import Table
 from hri_predict.run import assemble
 from hri_predict.run.compared_predictors import asked_predictors
@@ -57,6 +57,8 @@ def run(request: DistanceRequest, progress: Callable[..., None]) -> SimulationRe
         HriPredictError: the measurement cannot start; one line with the remedy.
     """
     people, notes = activities(request.activities or ACTIVITIES, pack(request.data))
+    for note in notes:  # before minutes of measuring, and again under the table
+        warn(note)
     plan = DistancePlan(
         config=str(request.config),
         robot=request.robot,

@@ -110,6 +110,8 @@ def test_left_and_right_are_not_exchanged_of_a_body_that_lies():
     [
         ({}, True),
         ({"judged": 0}, False),
+        ({"floor": "unseen", "ankles_m": None}, False),
+        ({"sides": False}, False),
         ({"people": 0, "judged": 0}, False),
         ({"unknown_joints": "joints that the joint map does not have: left_anke"}, False),
         ({"refused": ["not of human size"], "remedy": "units: mm"}, False),
@@ -122,6 +124,10 @@ def test_only_what_was_verified_is_fine(found, fine, capsys):
         "judged": 1,
         "refused": [],
         "remedy": None,
+        "floor": "seen",
+        "ankles_m": 0.08,
+        "heights_m": {},
+        "sides": True,
         "unknown_joints": None,
         "never_came": ["l_ankle"],
     } | found

@@ -112,6 +112,22 @@ def test_all_answers_by_flags_need_no_terminal(call, tmp_path):
     assert f"baudrate: {data['links'][1]['baudrate']}" in readme  # has room for zones and poses
 
 
+def test_the_senders_joints_and_the_predictor_are_taken_from_flags(call, tmp_path):
+    assert call("--yes", "--joint-map", "coco17", "--predictor", "average", "--no-schema")[0] == 0
+    _, data = read(tmp_path)
+    assert (data["source"]["joint_map"], data["predictor"]["name"]) == ("coco17", "average")
+
+
+def test_numbers_of_lists_are_set_one_by_one(call, tmp_path):
+    changes = ["source.room_from_source.xyz.2=1.9", "links.0.silence_timeout_s=0.08"]
+    flags = [part for change in changes for part in ("--set", change)]
+    assert call("--yes", "--link", "serial:/dev/ttyUSB0", "--no-schema", *flags)[0] == 0
+    _, data = read(tmp_path)
+    assert data["source"]["room_from_source"]["xyz"] == [0, 0, 1.9]
+    assert data["robots"][0]["room_from_robot"]["xyz"] == [0, 0, 0]
+    assert data["links"][0]["silence_timeout_s"] == 0.08
+
+
 def test_every_key_has_a_comment_and_lines_fit_80_columns(call, tmp_path):
     call("--simulated", "--yes")
     lines = (tmp_path / "cell.yaml").read_text().splitlines()
@@ -182,7 +198,15 @@ def test_somebody_elses_schema_is_never_replaced_without_force(call, tmp_path):
         (["--yes", "--mode", "bold"], "--mode bold: mode bold: unknown"),
         (["--yes", "--mode", "hybrid"], "--mode hybrid: hybrid lets the robot touch people"),
         (["--yes", "--set", "risk.mod=iso"], "cell.yaml:25: risk.mod: unknown key; did you mean"),
-        (["--yes", "--set", "links.0.fd=true"], "--set links.0.fd=true: 'links' has no keys"),
+        (["--yes", "--set", "links.0.fd=true"], "--set links.0.fd=true: 'links' is a list and"),
+        (["--yes", "--joint-map", "coco71"], "--joint-map coco71: no joint map 'coco71'; did you"),
+        (["--yes", "--source", "approach"], "--source approach: unknown source 'approach'; avail"),
+        (["--yes", "--predictor", "sin"], "--predictor sin: unknown predictor 'sin'; did you mean"),
+        (
+            ["--yes", "--source", "merged", "--joint-map", "coco17"],
+            "--joint-map: has no effect with source merged",
+        ),
+        (["--yes", "--simulated", "--joint-map", "coco17"], "--joint-map: has no effect with"),
         (["--yes", "--set", "rate_hz"], "--set rate_hz: write it as key=value"),
         (["--yes", "--simulated", "--source", "udp"], "--source: has no effect with --simulated"),
         (["cell.txt", "--yes"], "cell.txt: name a file that ends in .yaml"),
@@ -219,6 +243,9 @@ def test_in_a_terminal_it_asks_again_until_an_answer_is_right(tmp_path):
         ("'fast' is not a number", None),
         ("m/s [1.0]: ", "0.8"),
         ("Source [udp]: ", "mvn"),
+        ("Joint map [xsens23]: ", "xsens"),
+        ("no joint map 'xsens'", None),
+        ("Joint map [xsens23]: ", ""),
         ("source.sees_room: ", "perhaps"),
         ("got 'perhaps'", None),
         ("source.sees_room: ", "true"),
@@ -229,6 +256,10 @@ def test_in_a_terminal_it_asks_again_until_an_answer_is_right(tmp_path):
         ("starts to brake, s [0.02]: ", ""),
         ("Link 2 ('none' ends) [none]: ", ""),
         ("[predictive]: ", "reactive"),
+        ("Predictors: ", None),
+        ("Predictor [constant_velocity]: ", "zero"),
+        ("unknown predictor 'zero'", None),
+        ("Predictor [constant_velocity]: ", "zero_velocity"),
         ("hri-predict check cell.yaml", None),
     ]
     with subprocess.Popen(
@@ -253,6 +284,8 @@ def test_in_a_terminal_it_asks_again_until_an_answer_is_right(tmp_path):
     assert len(data["links"]) == 1
     assert (data["links"][0]["silence_timeout_s"], data["links"][0]["reaction_s"]) == (0.08, 0.02)
     assert data["ticks"] == "capture"
+    assert data["source"]["joint_map"] == "xsens23"
+    assert data["predictor"]["name"] == "zero_velocity"
 
 
 def test_times_of_a_controller_that_are_not_stated_stay_out_and_are_noted(call, tmp_path):

@@ -1,6 +1,7 @@
 """Points from the command line, from the keyboard, and from a robot that reports its state."""
 
 import io
+import re
 import sys
 from pathlib import Path
 
@@ -72,10 +73,23 @@ def test_an_unknown_robot_and_one_without_link_are_named():
         pass
 
 
-@pytest.mark.parametrize("text", ["1,2", "a,b,c", "1,2,nan", "1,2,3,4", "", "1,2,1e9"])
+@pytest.mark.parametrize("text", ["1,2", "a,b,c", "1,2,nan", "1,2,3,4", ""])
 def test_a_point_is_three_finite_numbers(text):
     with pytest.raises(ConfigError, match="give 3 numbers: x,y,z"):
         point_from(text, 3, "--point")
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("2000,100,1200", r"x is 2000 m from the room's origin; metres are meant: 2\?"),
+        ("0.4,-120,1", r"y is -120 m from .* metres are meant: -0\.12\?"),
+        ("1,2,1e9", r"z is 1e\+09 m from .* metres are meant$"),
+    ],
+)
+def test_a_point_in_millimetres_is_named_as_such(text, why):
+    with pytest.raises(ConfigError, match=f"--touched {re.escape(text)}: {why}"):
+        point_from(text, 3, "--touched")
 
 
 def test_an_input_that_ends_is_said(monkeypatch):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hri_predict.cli.check.floor import Floor, floor_of
 from tests.hri_predict.people.body.posture_table import (
     COCO,
     SEEN,
@@ -43,6 +44,25 @@ def test_every_wrong_rotation_and_mirror_of_a_walker_is_found_within_a_second(ev
         for kind, positions, view in wrong(played, 1.2):
             seen = played.observed[: len(positions)] & COCO
             assert refused_after_s(noisy(positions), seen, view) <= 1.0, (played.name, kind)
+
+
+def test_in_no_span_a_recorded_body_is_at_an_impossible_height_and_one_metre_off_it_is(everyone):
+    """Frames of the two sets of upper bodies begin above the floor."""
+    upper = seen_of("head, neck, shoulders, arms")
+    wrong_by: dict[float, list[bool]] = {-1.0: [], 0.0: [], 1.0: []}
+    for played in everyone:
+        if played.group in ("assembly", "motion/beside_robot"):
+            continue
+        for start in range(0, max(1, len(played.positions) - 89), 45):
+            span = played.positions[start : start + 90]
+            seen = played.observed[start : start + 90] & upper
+            for off_m, found in wrong_by.items():
+                floor = floor_of({1: (span + np.array([0, 0, off_m]), seen)}, 0.0).floor
+                found.append(floor is not Floor.UNSEEN)
+    assert len(wrong_by[0.0]) > 1000
+    assert not any(wrong_by[0.0])
+    assert all(wrong_by[-1.0])
+    assert np.mean(wrong_by[1.0]) > 0.999
 
 
 def test_the_recordings_are_there(everyone):

@@ -68,7 +68,7 @@ def test_parameters_of_the_body_model_are_no_joints(save):
         ({"joints": np.zeros((3, 22, 3)), "fps": 0.0}, "'fps' gives 0"),
         ({"joints": np.zeros((3, 22, 3)), "fps": "fast"}, "'fps' is not one finite number"),
         ({"joints": np.zeros((3, 66)), "fps": 30.0}, "of shape (3, 66)"),
-        ({"joints": np.zeros((0, 22, 3)), "fps": 30.0}, "of shape (0, 22, 3)"),
+        ({"joints": np.zeros((0, 22, 3)), "fps": 30.0}, "'joints' has no frames"),
         ({"joints": np.full((3, 22, 3), "x"), "fps": 30.0}, "expected numbers"),
         (
             {"joints": np.zeros((3, 2, 3)), "fps": 30.0, "joint_names": ["a", "a"]},
@@ -109,10 +109,3 @@ def test_names_as_bytes_or_text_of_any_shape(save, kind, shape):
     names = np.array(SMPL[:22]).astype(kind).reshape(shape)
     path = save(joints=np.ones((3, 22, 3)), joint_names=names, fps=30)
     assert open_recording(path).joint_map.source_joints == SMPL[:22]
-
-
-def test_an_archive_without_frames_says_so(tmp_path):
-    path = tmp_path / "none.npz"
-    np.savez(path, joints=np.zeros((0, 22, 3)), mocap_framerate=30.0)
-    with pytest.raises(RecordingError, match="'joints' has no frames"):
-        open_recording(path)

@@ -51,6 +51,17 @@ def test_without_matplotlib_there_are_tables_alone(cli, tmp_path, no_matplotlib)
     assert {path.name for path in tmp_path.iterdir()} == {"distance.md", "distance.json"}
 
 
+def test_people_left_out_without_the_data_pack_are_named_before_the_measurement(
+    cli, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    status, _, err = cli("--distance", "--robot", "nowhere")  # ends before the measurement
+    assert status == 2
+    first, last = err.splitlines()[0], err.splitlines()[-1]
+    assert first.startswith("warning: Left out: the data pack with the recordings for window")
+    assert "nowhere" in last
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -60,6 +60,15 @@ def test_without_matplotlib_there_are_tables_alone(cli, small, tmp_path, no_matp
     assert ".png" not in kinds
 
 
+def test_without_the_data_pack_the_alternatives_are_named(cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, _, err = cli("--episodes", "1")
+    assert status == 2
+    assert "the data pack with recordings of people is not in ../shared/data" in err
+    assert "--data procedural" in err
+    assert "no such file" not in err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
