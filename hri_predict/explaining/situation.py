@@ -185,11 +185,7 @@ def situation(recordings: Recordings, at: AskedTime, robot: str | None) -> Situa
         )
     found = {name: told for name, each in window.advice.items() if (told := _worst(each, at))}
     if robot is not None and robot not in found:
-        there = found or window.advice
-        raise ConfigError(
-            f"--robot {robot}: no advice at that time{nearest(robot, there)}; available: "
-            f"{', '.join(there) or 'none'}"
-        )
+        raise ConfigError(_no_robot(robot, [*(found or window.advice)], recordings))
     if not found:
         raise ConfigError(_nothing(recordings, at))
     chosen = robot or max(found, key=lambda name: severity(level_of(found[name].data)))
@@ -208,6 +204,16 @@ def situation(recordings: Recordings, at: AskedTime, robot: str | None) -> Situa
         links=links_at(window, advice.utc_ns),
         also={name: level_of(t.data) for name, t in found.items() if name != chosen},
     )
+
+
+def _no_robot(robot: str, there: list[str], recordings: Recordings) -> str:
+    """Return that no robot has this name, or that it had no advice at that time."""
+    named = [name for name, _ in recordings.info.robots]
+    shown = f"available: {', '.join(there) or 'none'}"
+    if robot in named or robot in there:
+        return f"--robot {robot}: no advice for this robot at that time; {shown}"
+    known = list(dict.fromkeys([*there, *named]))
+    return f"--robot {robot}: no robot has this name{nearest(robot, known)}; {shown}"
 
 
 def hidden_ends_in(about: Situation) -> int:

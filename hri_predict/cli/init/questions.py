@@ -11,11 +11,10 @@ import typer
 import yaml
 from pydantic import ValidationError
 
-from hri_predict.base.errors import ConfigError, HriPredictError
+from hri_predict.base.errors import ConfigError, HriPredictError, nearest
 from hri_predict.base.files import data_path, load_yaml, yaml_problem
 from hri_predict.base.set_key import set_key
 from hri_predict.base.settings import Mistake, Settings, mistakes
-from hri_predict.cli.common import one_of
 from hri_predict.cli.init.cell import Answers, link_block, robot_block, source_block
 from hri_predict.contracts import registry
 from hri_predict.risk.settings import RISK_MODES
@@ -139,7 +138,9 @@ def ask_mode(asker: Asker, mode: str | None, changes: list[str]) -> str:
     """Ask for the mode of separation; no default allows robots to touch people."""
 
     def check(text: str) -> str:
-        known: str = one_of("mode", text, RISK_MODES)
+        known = text
+        if known not in RISK_MODES:
+            raise ConfigError(f"unknown{nearest(known, RISK_MODES)} ({', '.join(RISK_MODES)})")
         if known == "hybrid" and not any(c.startswith("robots.0.contact=") for c in changes):
             raise ConfigError(
                 "hybrid lets the robot touch people: start with predictive and see the guide on "
