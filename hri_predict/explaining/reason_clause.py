@@ -73,7 +73,7 @@ def remedy(reason: str) -> str:
 
 def _of_person(about: Situation) -> str:
     """``person 2's right hand was 0.42 m from the forearm; 0.78 m were needed at 0.6 m/s``."""
-    return f"{_whereabouts(about)}; {_needed(about)}{_enough(about)}"
+    return f"{_whereabouts(about)}; {_needed(about)}{_enough(about)}{_zones(about)}"
 
 
 def _whereabouts(about: Situation) -> str:
@@ -132,6 +132,12 @@ def widened(about: Situation, way: str) -> str:
     there = [] if about.status is None else listed(about.status.data.get("reasons"))
     known = [Reason[name] for name in map(text, there) if name in Reason.__members__]
     return widened_by(known) if way not in _OWN_RULES else ""
+
+
+def _zones(about: Situation) -> str:
+    """Return why the zones did not decide: they were larger than usual."""
+    why = widened(about, "zones") if way_of(about.advice) in _OWN_RULES else ""
+    return f"; the zones were larger than usual{why}" if why else ""
 
 
 def _enough(about: Situation) -> str:
