@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.base.arrays import Floats
+from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import ConfigError, nearest
 
 JOINTS = (
@@ -133,6 +133,30 @@ def in_words(part: str) -> str:
     """Return a readable name of a body or robot part: ``right hand`` for ``r_hand``."""
     side = {"l_": "left ", "r_": "right "}.get(part[:2], "")
     return (side + part[2:] if side else part).replace("_", " ")
+
+
+def hidden_ends(segment: str, seen: Sequence[bool] | Bools) -> int:
+    """Return how many of a segment's two joints, by its canonical name, were not seen: (J,)."""
+    for each in CANONICAL.segments:
+        if each.name == segment:
+            return int(not seen[each.joint_a]) + int(not seen[each.joint_b])
+    return 0
+
+
+def seen_text(hidden: int, short: bool = False) -> str:
+    """Return how much of a segment was not seen, to follow its name; "" if all was seen.
+
+    Args:
+        hidden: see ``hidden_ends``.
+        short: for a line of a list or a narrow screen.
+    """
+    if not hidden:
+        return ""
+    is_part = hidden == 1
+    if short:
+        return " (seen in part)" if is_part else " (not seen)"
+    rest = "seen in part; the rest" if is_part else "not seen; its zone"
+    return f" ({rest} is inferred)"
 
 
 def path_lengths(parents: Sequence[int], bone_lengths: Sequence[float]) -> Floats:

@@ -4,22 +4,27 @@ from collections.abc import Mapping
 from typing import Any
 
 from hri_predict.explaining.counters import AFTER_NS, BEFORE_NS
+from hri_predict.explaining.deciding import (
+    distance_of,
+    link_of,
+    milder_slack_of,
+    needed_by,
+    part_of,
+    person_of,
+    way_of,
+)
 from hri_predict.explaining.episodes import WAITING, Episode, level_of
 from hri_predict.explaining.full_speed import enough_m, full_speed, full_speeds
 from hri_predict.explaining.hindsight import hindsight
 from hri_predict.explaining.reason_clause import (
     because,
     brief,
-    distance_of,
-    link_of,
-    needed_by,
-    part_of,
-    person_of,
     reason_text,
     remedy,
+    widened,
 )
 from hri_predict.explaining.recordings import Recordings
-from hri_predict.explaining.situation import Situation, nearest_episodes
+from hri_predict.explaining.situation import Situation, hidden_ends_in, nearest_episodes
 from hri_predict.explaining.times import NS, dated, shown
 from hri_predict.explaining.values import listed, mapped, number, text
 from hri_predict.protocol.messages import Level
@@ -104,6 +109,7 @@ def separation(about: Situation) -> dict[str, Any] | None:
     unknown.
 
     ``short_m`` is the missing distance; negative if the distance was larger than required.
+    ``milder_way``: rule that required less than ``way``, and so decided; ``None``: ``way`` decided.
     ``full_speed_enough_m``: see ``enough_m``.
     """
     data, grounds = about.advice.data, mapped(about.advice.data.get("grounds"))
@@ -111,16 +117,21 @@ def separation(about: Situation) -> dict[str, Any] | None:
     if not terms:
         return None
     has_m, needed_m = distance_of(about.advice), needed_by(about.advice)
+    milder_m = milder_slack_of(about.advice)
     return {
         "person": person_of(about.advice),
         "body_part": part_of(about.advice) or text(grounds.get("segment")),
         "robot_part": link_of(about.advice, about.info) or text(grounds.get("robot_capsule")),
         "way": text(grounds.get("way")),
+        "milder_way": None if milder_m is None else way_of(about.advice),
+        "milder_slack_m": milder_m,
+        "joints_not_seen": hidden_ends_in(about),
         "separation_m": has_m,
         "nearest_m": number(data.get("separation_m")),
         "predicted_separation_m": number(data.get("predicted_separation_m")),
         "needed_m": _rounded(needed_m),
         "short_m": None if has_m is None or needed_m is None else round(needed_m - has_m, 4),
+        "widened": widened(about, text(grounds.get("way"))),
         "full_speed_enough_m": _rounded(enough_m(about)),
         "speed_m_s": number(data.get("speed_m_s")),
         "limit_m_s": number(data.get("speed_limit_m_s")),

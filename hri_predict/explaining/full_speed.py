@@ -3,6 +3,7 @@
 import yaml
 
 from hri_predict.base.files import load_yaml
+from hri_predict.explaining.deciding import milder_slack_of, needed_by
 from hri_predict.explaining.situation import Situation
 from hri_predict.explaining.values import listed, mapped, number, text, whole
 from hri_predict.recording import RecordingInfo, Told
@@ -35,15 +36,19 @@ def full_speed(about: Situation) -> float | None:
 def enough_m(about: Situation) -> float | None:
     """Return the distance from people that is enough for full speed by the standard.
 
-    ``None``: the recording does not state it, the standard does not cover the deciding person, or
-    the robot was measured to stop later than the table from which it follows.
+    ``None``: the recording does not state it, the standard does not cover the deciding person, the
+    robot was measured to stop later than the table from which it follows, or it needed more even as
+    it moved.
     """
     stated = about.info.full_speed.get(about.robot)
     if stated is None or not _as_assumed(about) or any(map(_stops_late, about.window.node)):
         return None
     terms = mapped(mapped(about.advice.data.get("grounds")).get("terms_m"))
     z_r_m = number(terms.get("z_r")) or 0.0
-    return stated.enough_m + max(0.0, z_r_m - stated.z_r_m)
+    enough, needed = stated.enough_m + max(0.0, z_r_m - stated.z_r_m), needed_by(about.advice)
+    if milder_slack_of(about.advice) is None and needed is not None and needed > enough:
+        return None  # the person moved otherwise than the standard assumes: only zones counted
+    return enough
 
 
 def _as_assumed(about: Situation) -> bool:

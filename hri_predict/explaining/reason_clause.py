@@ -4,14 +4,24 @@ import re
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from hri_predict.base.skeleton import CANONICAL, in_words
+from hri_predict.base.skeleton import in_words, seen_text
 from hri_predict.explaining.counters import DAMAGE
-from hri_predict.explaining.episodes import WAITING, robot_of, slows, waits
+from hri_predict.explaining.deciding import (
+    distance_of,
+    hidden_of,
+    link_of,
+    milder_slack_of,
+    needed_by,
+    part_of,
+    person_of,
+    way_of,
+)
+from hri_predict.explaining.episodes import WAITING, slows, waits
 from hri_predict.explaining.full_speed import enough_m, full_speed, is_full
-from hri_predict.explaining.situation import Situation, situation
+from hri_predict.explaining.situation import Situation, hidden_ends_in, situation
 from hri_predict.explaining.times import NS, AskedTime
 from hri_predict.explaining.values import listed, mapped, metres, number, text, whole
-from hri_predict.protocol.reasons import RISING, Reason
+from hri_predict.protocol.reasons import RISING, Reason, widened_by
 from hri_predict.recording import RecordingInfo, Told
 
 STANDS_M_S = 0.01
@@ -23,9 +33,10 @@ _CAUSES = {
     "blind": "because the source was blind, or its scenes too old or frozen",
     "lost": "because a person was lost",
 }
+_OWN_RULES = ("standard", "contact")
+"""Rules for which zones play no part."""
 _OBEYS_ADVICES = 12
 """Number of Advice messages, half a second, within which a robot must keep a lower limit."""
-_WIDEN_ZONES = {r.name for r in Reason if r.row.widens_zones}
 
 
 def because(about: Situation) -> str:
@@ -44,7 +55,8 @@ def brief(told: Told, info: RecordingInfo) -> str:
     if not part or person is None:
         return reason_text(reason).partition(";")[0]
     link = in_words(link_of(told, info))
-    where = f"{in_words(part)} {metres(distance_of(told))} from {link}"
+    seen = seen_text(hidden_of(told, info), short=True)
+    where = f"{in_words(part)}{seen} {metres(distance_of(told))} from {link}"
     short = Reason[reason].row.short if reason in Reason.__members__ else ""
     return f"person {person}'s {where}, {short or reason_text(reason)}"
 
@@ -59,51 +71,16 @@ def remedy(reason: str) -> str:
     return Reason[reason].clears_when if reason in Reason.__members__ else ""
 
 
-def part_of(advice: Told) -> str:
-    """The deciding body part: ``r_hand``; "" if there is none."""
-    index = whole(advice.data.get("body_part"))
-    names = CANONICAL.segment_names
-    if index is not None and 0 <= index < len(names):
-        return names[index]
-    return ""
-
-
-def link_of(advice: Told, info: RecordingInfo) -> str:
-    """The deciding robot part; "" if there is none."""
-    index = whole(advice.data.get("robot_link"))
-    for name, capsules in info.robots:
-        if name == robot_of(advice.data) and index is not None and 0 <= index < len(capsules):
-            return text(capsules[index])
-    return "" if index is None else f"part {index}"
-
-
-def person_of(advice: Told) -> int | None:
-    """The deciding person."""
-    return whole(mapped(advice.data.get("grounds")).get("person"))
-
-
-def distance_of(advice: Told) -> float | None:
-    """The deciding pair's distance; old recordings have only the overall minimum."""
-    pair_m = number(mapped(advice.data.get("grounds")).get("pair_m"))
-    return number(advice.data.get("separation_m")) if pair_m is None else max(0.0, pair_m)
-
-
-def needed_by(advice: Told) -> float | None:
-    """Return the required distance for the robot's actual motion."""
-    has_m, slack_m = distance_of(advice), number(mapped(advice.data.get("grounds")).get("slack_m"))
-    return None if has_m is None or slack_m is None else has_m - slack_m
-
-
 def _of_person(about: Situation) -> str:
     """``person 2's right hand was 0.42 m from the forearm; 0.78 m were needed at 0.6 m/s``."""
-    return f"{_whereabouts(about)}; {_needed(about)}{_enough(about)}{_forecast(about)}"
+    return f"{_whereabouts(about)}; {_needed(about)}{_enough(about)}{_zones(about)}"
 
 
 def _whereabouts(about: Situation) -> str:
     """``person 2's right hand was 0.42 m from the forearm``."""
     person, part = person_of(about.advice), part_of(about.advice)
     who = "a person" if person is None else f"person {person}"
-    who += f"'s {in_words(part)}" if part else ""
+    who += f"'s {in_words(part)}{seen_text(hidden_ends_in(about))}" if part else ""
     link = in_words(link_of(about.advice, about.info))
     return f"{who} was {metres(distance_of(about.advice))} from the {link or 'robot'}"
 
@@ -125,7 +102,7 @@ def _released(about: Situation) -> str:
     if not causes:
         return f"{waited}; {_whereabouts(about)}"
     then = situation(about.recordings, AskedTime(causes[-1].utc_ns, 1), about.robot)
-    return f"{waited}; before that: {because(then)} (until {about.clock(causes[-1].utc_ns)})"
+    return f"{waited}; before that, until {about.clock(causes[-1].utc_ns)}: {because(then)}"
 
 
 def _needed(about: Situation) -> str:
@@ -138,12 +115,29 @@ def _needed(about: Situation) -> str:
     if separation is None or needed is None or speed is None:
         return safe if limit else "no motion was safe"
     stands = speed < STANDS_M_S
-    if needed > separation:
+    milder_m = milder_slack_of(advice)
+    if (needed > separation) if milder_m is None else (milder_m < 0):
         at = "before the standing robot may start" if stands else f"at {speed:.2f} m/s"
-        return f"{needed:.2f} m were needed {at}"
+        by = f"{needed:.2f} m were" if milder_m is None else f"{-milder_m:.2f} m more were"
+        return f"{by} needed {at}{widened(about, way_of(about.advice))}"
     if not limit:
-        return "too near for the standing robot to start" if stands else "too near to keep moving"
-    return safe if is_full(limit, full_speed(about)) else f"near enough that {safe}"
+        near = "too near for the standing robot to start" if stands else "too near to keep moving"
+        return f"{near}{widened(about, way_of(about.advice))}"
+    near = safe if is_full(limit, full_speed(about)) else f"near enough that {safe}"
+    return f"{near}{widened(about, way_of(about.advice))}"
+
+
+def widened(about: Situation, way: str) -> str:
+    """Return the causes of zones larger than usual; "" for a distance by another rule, ``way``."""
+    there = [] if about.status is None else listed(about.status.data.get("reasons"))
+    known = [Reason[name] for name in map(text, there) if name in Reason.__members__]
+    return widened_by(known) if way not in _OWN_RULES else ""
+
+
+def _zones(about: Situation) -> str:
+    """Return why the zones did not decide: they were larger than usual."""
+    why = widened(about, "zones") if way_of(about.advice) in _OWN_RULES else ""
+    return f"; the zones were larger than usual{why}" if why else ""
 
 
 def _enough(about: Situation) -> str:
@@ -152,12 +146,6 @@ def _enough(about: Situation) -> str:
     if enough is None or has_m is None or has_m >= enough:  # another pair was nearer
         return ""
     return f"; {enough:.2f} m are enough for full speed"
-
-
-def _forecast(about: Situation) -> str:
-    """Return the causes of zones larger than usual."""
-    there = [] if about.status is None else listed(about.status.data.get("reasons"))
-    return "".join(f"; {reason_text(name)}" for name in there if name in _WIDEN_ZONES)
 
 
 def _lost(about: Situation) -> str:
@@ -170,7 +158,6 @@ def _lost(about: Situation) -> str:
         f"person {person if person is not None else '?'} vanished{since} and may still be here "
         f"(lost): at worst {metres(distance_of(about.advice))} from the {link}; "
         f"{_needed(about)}"
-        f"{_forecast(about)}"
     )
 
 
@@ -271,26 +258,23 @@ def _pending(about: Situation) -> str:
             waited = "its limit was its full speed again, and new captures had to confirm it"
     else:
         waited = "it waited for new captures to confirm that it may continue"
-    return f"{waited}; before that: {_origin(about)}"
+    return f"{waited}; {_origin(about)}"
 
 
 def _latched(about: Situation) -> str:
     match = _LATCH.search(text(about.advice.data.get("detail")))
     number_, causes = (match[1] or "", match[2].split(", ")) if match else (" ?", [])
     why = "; ".join(_CAUSES.get(cause.split(" (")[0], text(cause)) for cause in causes)
-    return (
-        f"latch{number_} waits for an acknowledge{f', {why}' if why else ''}; "
-        f"before that: {_origin(about)}"
-    )
+    return f"latch{number_} waits for an acknowledge{f', {why}' if why else ''}; {_origin(about)}"
 
 
 def _origin(about: Situation) -> str:
-    """Return the last earlier phase with a reason other than waiting, and its time."""
+    """Return the last earlier phase with a reason other than waiting, after its time."""
     phase = None if about.episode is None else about.episode.cause_before(about.advice.utc_ns)
     if phase is None:
-        return "nothing else was recorded"
+        return "before that, nothing else was recorded"
     then = situation(about.recordings, AskedTime(phase.first.utc_ns, 1), about.robot)
-    return f"{because(then)} (until {about.clock(phase.last_ns)})"
+    return f"before that, until {about.clock(phase.last_ns)}: {because(then)}"
 
 
 _TELL: dict[str, Callable[[Situation], str]] = {

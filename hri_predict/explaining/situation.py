@@ -5,9 +5,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hri_predict.base.errors import ConfigError, nearest
-from hri_predict.base.skeleton import JOINTS, in_words
+from hri_predict.base.skeleton import JOINTS, hidden_ends, in_words
 from hri_predict.explaining.bodies import SeenPerson, people_of
 from hri_predict.explaining.counters import LinkNow, Moved, links_at, moved
+from hri_predict.explaining.deciding import part_of, person_of, stated_hidden
 from hri_predict.explaining.episodes import Episode, episodes, level_of, severity, slows, waits
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.times import NS, AskedTime, dated, shown
@@ -38,7 +39,8 @@ def people_seen(
         One dict per person: ``id``; ``state``: tracked or lost; ``last_seen_s``: seconds since a
         joint was last seen, ``None`` if none was; ``age_s``: age of the capture, ``None`` without a
         forecast; ``observed``, ``joints``: numbers of observed and of available joints;
-        ``missing``: names of the missing joints; ``speed``: "" if the standard's speed is used.
+        ``missing``: names of the missing joints; ``unmapped``: names of joints that the source
+        never delivers; ``speed``: "" if the standard's speed is used.
     """
     last = _last_seen(window, info, utc_ns)
     lost = _lost(window, utc_ns, last)
@@ -46,6 +48,7 @@ def people_seen(
     captures = _captures(newest(window.forecasts, utc_ns, 1.0))
     found: list[dict[str, Any]] = []
     mapped = info.joint_map.mapped
+    unmapped = [name for name, has in zip(JOINTS, mapped, strict=True) if not has]
     for id_, (told, seen) in sorted(last.items()):
         if id_ not in lost and utc_ns - told.utc_ns > _PRESENT_NS:
             continue  # went by an exit, or was acknowledged
@@ -61,13 +64,14 @@ def people_seen(
                 "observed": int(seen.observed.sum()),
                 "joints": int(mapped.sum()),
                 "missing": missing,
+                "unmapped": unmapped,
                 "speed": _speed(detail, id_),
             }
         )
     for id_ in sorted(lost - set(last)):
         unseen = {"id": id_, "state": "lost", "last_seen_s": None, "last_seen_utc_ns": None}
-        joints = {"observed": 0, "joints": int(mapped.sum()), "missing": [], "speed": ""}
-        found.append(unseen | {"age_s": None} | joints)
+        joints = {"observed": 0, "joints": int(mapped.sum()), "missing": [], "unmapped": unmapped}
+        found.append(unseen | {"age_s": None} | joints | {"speed": ""})
     return found
 
 
@@ -181,11 +185,7 @@ def situation(recordings: Recordings, at: AskedTime, robot: str | None) -> Situa
         )
     found = {name: told for name, each in window.advice.items() if (told := _worst(each, at))}
     if robot is not None and robot not in found:
-        there = found or window.advice
-        raise ConfigError(
-            f"--robot {robot}: no advice at that time{nearest(robot, there)}; available: "
-            f"{', '.join(there) or 'none'}"
-        )
+        raise ConfigError(_no_robot(robot, [*(found or window.advice)], recordings))
     if not found:
         raise ConfigError(_nothing(recordings, at))
     chosen = robot or max(found, key=lambda name: severity(level_of(found[name].data)))
@@ -204,6 +204,28 @@ def situation(recordings: Recordings, at: AskedTime, robot: str | None) -> Situa
         links=links_at(window, advice.utc_ns),
         also={name: level_of(t.data) for name, t in found.items() if name != chosen},
     )
+
+
+def _no_robot(robot: str, there: list[str], recordings: Recordings) -> str:
+    """Return that no robot has this name, or that it had no advice at that time."""
+    named = [name for name, _ in recordings.info.robots]
+    shown = f"available: {', '.join(there) or 'none'}"
+    if robot in named or robot in there:
+        return f"--robot {robot}: no advice for this robot at that time; {shown}"
+    known = list(dict.fromkeys([*there, *named]))
+    return f"--robot {robot}: no robot has this name{nearest(robot, known)}; {shown}"
+
+
+def hidden_ends_in(about: Situation) -> int:
+    """Return how many joints of the deciding body part were not seen, 0 to 2; if the advice does
+    not state it, by the newest scene.
+    """
+    stated, person = stated_hidden(about.advice), person_of(about.advice)
+    seen = next((each for each in about.people if each["id"] == person), None)
+    if stated is not None or seen is None or seen["state"] == "lost":
+        return stated or 0
+    hidden = {*seen["missing"], *seen["unmapped"]}
+    return hidden_ends(part_of(about.advice), [joint not in hidden for joint in JOINTS])
 
 
 def _worst(advice: list[Told], at: AskedTime) -> Told | None:

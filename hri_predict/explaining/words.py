@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from hri_predict.base.skeleton import in_words
+from hri_predict.base.skeleton import in_words, seen_text
 from hri_predict.explaining.explanation import TERMS
 from hri_predict.explaining.full_speed import is_full
 from hri_predict.explaining.reason_clause import STANDS_M_S
@@ -37,7 +37,7 @@ def _paragraphs(found: Mapping[str, Any]) -> Iterator[str]:
     for heading, lines in (
         ("Asked of the robot", _asked(found)),
         ("Seen", _seen(found["people"])),
-        ("Separation", _separation(found["separation"])),
+        (f"Separation at {found['at']}", _separation(found["separation"])),
         ("Forecast, compared with the actual motion", _forecast(found["forecast"])),
         ("History", _history(found["history"])),
         (f"Counters that rose in these {found['counted_s']:g} s", _counters(found)),
@@ -72,6 +72,8 @@ def _seen(people: Iterable[Mapping[str, Any]]) -> Iterator[str]:
         parts.append(f"{person['observed']} of {person['joints']} joints observed")
         if person["missing"] and person["observed"]:
             parts.append("not: " + ", ".join(map(in_words, person["missing"])))
+        if person["unmapped"]:
+            parts.append("not in the joint map: " + ", ".join(map(in_words, person["unmapped"])))
         parts += [f"speed {person['speed']}"] if person["speed"] else []
         yield "; ".join(parts)
     if nobody:
@@ -90,20 +92,29 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
     is_short = short is not None and short > 0
     motion = "to start, at least" if is_short else "while it stands"
     motion = motion if stands else f"at {found['speed_m_s']:.2f} m/s"
-    yield f"From person {found['person']}'s {part} to the robot's {link}, the pair that decided,"
-    yield f"judged {_WAYS.get(found['way'], found['way'])}:"
+    seen = seen_text(found["joints_not_seen"])
+    yield (
+        f"From person {found['person']}'s {part}{seen} to the robot's {link}, the pair that "
+        f"decided, judged {_WAYS.get(found['way'], found['way'])}:"
+    )
     yield _row("distance then, from surface to surface", found["separation_m"])
     if found["place_error_m"]:
         yield _row(
             "  already subtracted: stated error of the person's place", found["place_error_m"]
         )
     yield _row(f"distance that the robot needed {motion}", found["needed_m"])
+    if found["widened"]:
+        yield f"  (more than usual{found['widened']})"
     if found["way"] == "zones" and found["needed_m"] is not None:
         kept = sum(found["terms_m"][term] or 0.0 for term in ("c", "z_d", "z_r"))
         yield _row("  part used up by both until the robot stops", found["needed_m"] - kept)
         yield _row("  part kept between person and robot: C + Z_d + Z_r", kept)
     if short is not None:
         yield _row("missing" if short > 0 else "to spare", abs(short))
+    if found["milder_slack_m"] is not None:
+        spare, rule = found["milder_slack_m"], _WAYS.get(found["milder_way"], found["milder_way"])
+        kind = "missing" if spare < 0 else "to spare"
+        yield f"Judged {rule}, the robot needed less, so that decided: {abs(spare):.3f} m {kind}."
     if short is not None and short <= 0 and not found["limit_m_s"]:
         yield (
             "This distance is for the robot as it moved. To move on or to start, the robot needs "
@@ -126,7 +137,8 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
 def _standard(found: Mapping[str, Any]) -> Iterator[str]:
     """Return the terms of the standard's distance, and whether it decided."""
     reaction, stopping = found["reaction_s"] or 0.0, found["stopping_s"] or 0.0
-    decided = "which decided" if found["way"] == "standard" else "for comparison only"
+    is_milder = found["milder_way"] == "standard"
+    decided = "which decided" if is_milder or found["way"] == "standard" else "for comparison only"
     yield (
         f"Protective separation distance of ISO/TS 15066 ({decided}), with the robot at "
         f"{found['speed_m_s'] or 0.0:.2f} m/s, reaction time T_r {reaction * 1e3:.0f} ms, stopping "

@@ -3,6 +3,7 @@
 The numbers are sent on the wire and must never be reused. Sets of reasons follow from the rows.
 """
 
+from collections.abc import Iterable
 from enum import IntEnum, unique
 from typing import Any, Self
 
@@ -252,6 +253,12 @@ class Reason(IntEnum):
     def clears_when(self) -> str:
         """The condition that clears it, as text for people; "" for NONE."""
         return self.row.clears_when
+
+
+def widened_by(reasons: Iterable[Reason]) -> str:
+    """Return why zones are larger than usual, as the end of a sentence; "" if they are not."""
+    why = [r.text.replace("; ", " and ") for r in dict.fromkeys(reasons) if r.row.widens_zones]
+    return f", because {', and '.join(why)}" if why else ""
 
 
 CLEARED = "what stopped it has cleared"

@@ -56,6 +56,10 @@ class Grounds:
             be the nearest.
         slack_m: distance of the person beyond the distance that the robot's present motion
             requires.
+        milder_way, milder_slack_m: the rule with the most slack for the same people, and this
+            slack, if it is not ``way``: a robot may move as soon as one rule permits it.
+        hidden_ends: number of the segment's two joints that were not seen, so that its place is
+            inferred; 0 for a lost person.
         reaction_s, stopping_s, stopping_m: T_r from the capture, T_s and S_s at that speed.
         intrusion_m, person_uncertainty_m, robot_uncertainty_m: C, Z_d, Z_r.
         human_m_s: speed of the person, if faster than the standard assumes; else 0.
@@ -73,6 +77,9 @@ class Grounds:
     pair_m: float | None = None
     separation_m: float | None = None
     slack_m: float | None = None
+    milder_way: str = ""
+    milder_slack_m: float | None = None
+    hidden_ends: int = 0
     reaction_s: float = 0.0
     stopping_s: float = 0.0
     stopping_m: float = 0.0
@@ -91,10 +98,11 @@ class Grounds:
 
     @property
     def pair_needed_m(self) -> float | None:
-        """Value of ``pair_m`` that the robot's present motion requires."""
+        """Value of ``pair_m`` that the robot's present motion requires, by the milder rule."""
         if self.pair_m is None or self.slack_m is None:
             return None
-        return self.pair_m - self.slack_m
+        slack_m = self.slack_m if self.milder_slack_m is None else self.milder_slack_m
+        return self.pair_m - slack_m
 
     @property
     def terms(self) -> ProtectiveDistance | None:

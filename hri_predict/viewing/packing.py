@@ -7,7 +7,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.geometry import Capsules, nearest_points
-from hri_predict.base.skeleton import CANONICAL, in_words
+from hri_predict.base.skeleton import CANONICAL, in_words, seen_text
 from hri_predict.node.listeners import Tick
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Advice, Level, NodeState
@@ -133,10 +133,11 @@ def robot_facts(
         band_m: the configured ``risk.band_m``; ``None``: not known.
     """
     who = "" if why.person is None else f"person {why.person}'s {in_words(why.segment)}"
+    seen, short = seen_text(why.hidden_ends), seen_text(why.hidden_ends, short=True)
     by_distance = advice.level is not Level.CLEAR and advice.reason.row.by_distance
     near, line = "", None
     if who and why.pair_m is not None and by_distance:
-        near = f"{who}, {max(0.0, why.pair_m):.2f} m from the {in_words(link) or 'robot'}"
+        near = f"{who}{seen}, {max(0.0, why.pair_m):.2f} m from the {in_words(link) or 'robot'}"
     if why.pair is not None:
         line = np.stack(nearest_points(*why.pair))
     return {
@@ -148,7 +149,7 @@ def robot_facts(
         "line": None if line is None or not np.isfinite(line).all() else line.round(4).tolist(),
         "apart": apart_text(advice, why),
         "near": near,
-        "pair": f"{who} - {in_words(link)}" if who and link else who,
+        "pair": f"{who}{short} - {in_words(link)}" if who and link else who,
     }
 
 

@@ -267,6 +267,8 @@ def _robot(data: dict[str, Any], band_m: float | None) -> dict[str, Any]:
         segment=str(why.get("segment", "")),
         pair_m=_number(why.get("pair_m")),
         slack_m=_number(why.get("slack_m")),
+        milder_slack_m=_number(why.get("milder_slack_m")),
+        hidden_ends=why.get("hidden_ends") or 0,
     )
     name, link = str(data.get("name", data.get("robot"))), str(why.get("robot_capsule") or "")
     return robot_facts(name, advice, grounds, link=link, band_m=band_m)

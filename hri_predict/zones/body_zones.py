@@ -68,6 +68,7 @@ class BodyZones:
         toward: extent of the people in view by direction; ``None``: not calibrated.
         errors_m: (P,) possible common error of all joints of a person; included in zones, paths and
             ``toward``. ``None``: 0.
+        fresh: (P, J) joints of the people in view that their newest captures show.
     """
 
     zones: Zones
@@ -84,6 +85,7 @@ class BodyZones:
     margins_m: Floats | None = None
     toward: Toward | None = None
     errors_m: Floats | None = None
+    fresh: Bools | None = None
 
     def error_m(self, person: int) -> float:
         """Return the possible common error of all joints of a person, in metres."""
@@ -237,6 +239,7 @@ class ZoneBuilder:
             margins_m=self._margins_m,
             toward=toward,
             errors_m=errors_m,
+            fresh=snapshot.fresh,
             segments_m_s=np.concatenate(
                 [moving.segments_m_s, np.full((len(snapshot.lost), len(self._a)), np.inf)]
             ),

@@ -290,18 +290,14 @@ class LiveSource:
             return
         counts = asdict(self.counters)
         news = [
-            f"{counts[name] - self._logged.get(name, 0)} {name.replace('_', ' ')}"
+            _counted(counts[name] - self._logged.get(name, 0), name)
             for name in TROUBLE
             if counts[name] > self._logged.get(name, 0)
         ]
         if news:
             self._logged, self._log_ns = counts, now_ns + LOG_PERIOD_NS
-            log.warning(
-                "%s: %s (%s)",
-                self.label,
-                ", ".join(news),
-                counts["last_error"] or "-",
-            )
+            error = f" ({counts['last_error']})" if counts["last_error"] else ""
+            log.warning("%s: %s%s", self.label, ", ".join(news), error)
 
     # -- the taker --------------------------------------------------------------------------------
 
@@ -314,6 +310,12 @@ class LiveSource:
             self._session = sent.session
         self._last_sequence = sent.sequence + self._shift
         return replace(sent, sequence=self._last_sequence)
+
+
+def _counted(count: int, name: str) -> str:
+    """``1 crc error``, ``2 restarts of the sender``."""
+    words = (name.removesuffix("s") if count == 1 else name).replace("_", " ")
+    return f"{count} {words}" + (" of the sender" if name == "restarts" else "")
 
 
 def _room_from_sent(settings: LiveSettings, joint_map: JointMap) -> Floats:

@@ -15,7 +15,6 @@ from hri_predict.base.errors import ConfigError, HriPredictError, nearest
 from hri_predict.base.files import YAML_ENDINGS, data_path, load_yaml, yaml_problem
 from hri_predict.base.set_key import set_key
 from hri_predict.base.settings import Mistake, Settings, mistakes
-from hri_predict.cli.common import one_of
 from hri_predict.cli.init.cell import PREDICTOR, Answers, link_block, robot_block, source_block
 from hri_predict.contracts import registry
 from hri_predict.contracts.joint_map import load_joint_map, map_names
@@ -140,7 +139,9 @@ def ask_mode(asker: Asker, mode: str | None, changes: list[str]) -> str:
     """Ask for the mode of separation; no default allows robots to touch people."""
 
     def check(text: str) -> str:
-        known: str = one_of("mode", text, RISK_MODES)
+        known = text
+        if known not in RISK_MODES:
+            raise ConfigError(f"unknown{nearest(known, RISK_MODES)} ({', '.join(RISK_MODES)})")
         if known == "hybrid" and not any(c.startswith("robots.0.contact=") for c in changes):
             raise ConfigError(
                 "hybrid lets the robot touch people: start with predictive and see the guide on "

@@ -10,8 +10,8 @@ import numpy as np
 from hri_predict.base.arrays import Floats
 from hri_predict.base.figures import Axes, Figure, write_figure
 from hri_predict.base.looks import LEVEL_COLOURS, PALETTE
+from hri_predict.explaining.deciding import distance_of, needed_by, part_of, person_of
 from hri_predict.explaining.episodes import level_of
-from hri_predict.explaining.reason_clause import distance_of, needed_by, part_of, person_of
 from hri_predict.explaining.situation import Situation
 from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import listed, mapped, number, text

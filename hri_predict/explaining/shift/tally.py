@@ -7,6 +7,7 @@ from typing import Any
 
 from hri_predict.base.quantities.units import rounded
 from hri_predict.explaining.counters import rise
+from hri_predict.explaining.deciding import link_of, part_of
 from hri_predict.explaining.episodes import (
     LEVEL_NAMES,
     Episode,
@@ -16,7 +17,7 @@ from hri_predict.explaining.episodes import (
     robot_of,
 )
 from hri_predict.explaining.full_speed import full_speeds
-from hri_predict.explaining.reason_clause import brief, link_of, part_of, reason_text
+from hri_predict.explaining.reason_clause import brief, reason_text
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.shift.foresight import Foresight
 from hri_predict.explaining.shift.spread import Spread

@@ -57,12 +57,23 @@ def _grounds(grounds: Grounds, capsules: Sequence[str]) -> dict[str, Any]:
         "pair_m": rounded(grounds.pair_m),
         "separation_m": rounded(grounds.separation_m),
         "slack_m": rounded(grounds.slack_m),
+        **_milder(grounds),
+        "hidden_ends": grounds.hidden_ends,
         "reaction_s": rounded(grounds.reaction_s),
         "stopping_s": rounded(grounds.stopping_s),
         "human_m_s": rounded(grounds.human_m_s),
         **({"place_error_m": rounded(grounds.place_error_m)} if grounds.place_error_m else {}),
         "terms_m": {} if terms is None else {k: rounded(v) for k, v in asdict(terms).items()},
         "protective_m": None if terms is None else rounded(terms.total),
+    }
+
+
+def _milder(grounds: Grounds) -> dict[str, Any]:
+    if grounds.milder_slack_m is None:
+        return {}
+    return {
+        "milder_way": grounds.milder_way,
+        "milder_slack_m": rounded(grounds.milder_slack_m),
     }
 
 

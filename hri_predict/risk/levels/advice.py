@@ -213,7 +213,7 @@ class Levels:
             advised=advised,
             reason=reason,
             who=who,
-            found=findings.robots[robot],
+            found=found,
         )
         named = dict.fromkeys(doubt.text for doubt in snapshot.doubts)
         return Advice(

@@ -1,14 +1,14 @@
 """Text of an advice: the problem and its remedy."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import compress, count
 
-from hri_predict.base.skeleton import JOINTS, in_words
+from hri_predict.base.skeleton import JOINTS, in_words, seen_text
 from hri_predict.protocol.messages import Level
-from hri_predict.protocol.reasons import CLEARED, RISING, Reason
+from hri_predict.protocol.reasons import CLEARED, RISING, Reason, widened_by
 from hri_predict.risk.levels.demand import Demand
 from hri_predict.risk.levels.machine import Advised
-from hri_predict.risk.levels.pair import pair_m
+from hri_predict.risk.levels.pair import hidden_ends_of, pair_m
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import RobotFindings
 from hri_predict.risk.settings import RiskSettings
@@ -49,10 +49,9 @@ def detail_of(
         if apart_m is None and found.motion is not None:
             apart_m = pair_m(who, bodies, found.motion)
         part, off = in_words(segment), off_text(bodies.error_m(who.person))
+        part += seen_text(hidden_ends_of(who, bodies))
         parts.append(f"person {ids[who.person]}{off}, {part}, {where(robot, who, apart_m)}")
-        if who.slack_m < 0:
-            stands = found.speed_m_s < STANDS_M_S
-            parts.append(f"{-who.slack_m:.2f} m {_TOO_NEAR_TO_START if stands else _TOO_CLOSE}")
+        parts += _short_by(who, bodies, found, reason)
     for i in compress(count(), speeds.fast.tolist()):
         joint = in_words(JOINTS[speeds.fastest_joint[i]])
         parts.append(f"person {ids[i]} is fast: {joint} {speeds.fastest_m_s[i]:.1f} m/s")
@@ -66,6 +65,23 @@ def detail_of(
     if robot.tools and found.tool is None:
         parts.append("no tool is confirmed: the worst case over all tools is used")
     return "; ".join(parts if is_clear else [*parts, f"clears when {clears_when}"])
+
+
+def _short_by(
+    who: Finding, bodies: BodyZones, found: RobotFindings, reason: Reason
+) -> Iterator[str]:
+    """Return the missing distance by the milder rule, and why it is more than usual."""
+    _, milder = found.mildest
+    slack_m = who.slack_m if milder is None else max(who.slack_m, milder.slack_m)
+    by_zones = slack_m <= who.slack_m
+    if slack_m >= 0:
+        return
+    for_what = _TOO_NEAR_TO_START if found.speed_m_s < STANDS_M_S else _TOO_CLOSE
+    why = widened_by(bodies.reasons) if by_zones else ""
+    if not why and by_zones and bodies.speeds.unknown[who.person]:
+        is_said = reason is Reason.SPEED_UNKNOWN
+        why = ", by physical limits" if is_said else ", because the person's speed is not known yet"
+    yield f"{-slack_m:.2f} m {for_what}{why}"
 
 
 def where(robot: RobotConstants, people: Finding, apart_m: float | None = None) -> str:

@@ -4,21 +4,13 @@ from collections.abc import Sequence
 
 from hri_predict.base.geometry import capsule_distance
 from hri_predict.risk.levels.advice import asked_of
-from hri_predict.risk.levels.pair import pair_of
+from hri_predict.risk.levels.pair import hidden_ends_of, pair_of
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import RobotFindings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.terms import Finding
 from hri_predict.risk.types import Grounds
 from hri_predict.zones.body_zones import BodyZones
-
-
-def mildest(found: RobotFindings) -> tuple[str, Finding | None]:
-    """Return the assessment of these people with the most slack, and its name."""
-    there = {name: way for name, way in _ways(found).items() if way is not None}
-    if not there:
-        return "", None
-    return max(there.items(), key=lambda way: way[1].slack_m)
 
 
 def grounds_of(
@@ -44,9 +36,11 @@ def _of_one(
     if motion is None:
         return Grounds(unknown=found.unknown)
     _, people = asked_of(robot, found, bodies)
-    named = [name for name, finding in _ways(found).items() if finding is people]
+    named = [name for name, finding in found.ways.items() if finding is people]
     way = "" if people is None else named[0] if named else "zones"
     pair = None if people is None else pair_of(people, bodies, motion)
+    milder_way, milder = found.mildest
+    is_milder = people is not None and milder is not None and milder.slack_m > people.slack_m
     moved_m = motion.clearance_m - settings.clearance_m
     return Grounds(
         speed_m_s=found.speed_m_s,
@@ -59,6 +53,9 @@ def _of_one(
         pair_m=None if pair is None else float(capsule_distance(*pair)),
         separation_m=None if people is None else people.separation_m,
         slack_m=None if people is None else people.slack_m,
+        milder_way=milder_way if is_milder else "",
+        milder_slack_m=milder.slack_m if milder is not None and is_milder else None,
+        hidden_ends=0 if people is None else hidden_ends_of(people, bodies),
         reaction_s=bodies.age_s + motion.until_braking_s,
         stopping_s=motion.stopping_s,
         stopping_m=motion.stopping_m,
@@ -68,10 +65,6 @@ def _of_one(
         human_m_s=_human_m_s(people, bodies),
         place_error_m=0.0 if people is None else bodies.error_m(people.person),
     )
-
-
-def _ways(found: RobotFindings) -> dict[str, Finding | None]:
-    return {"zones": found.people, "standard": found.standard, "contact": found.contact}
 
 
 def _human_m_s(people: Finding | None, bodies: BodyZones) -> float:

@@ -1,6 +1,5 @@
 """Near misses: a robot moves with hardly more distance to a person than its motion requires."""
 
-from hri_predict.risk.levels.grounds import mildest
 from hri_predict.risk.separation.stage import Findings
 from hri_predict.risk.types import NearMiss
 from hri_predict.zones.body_zones import BodyZones
@@ -18,7 +17,7 @@ def near_misses(findings: Findings, bodies: BodyZones) -> tuple[NearMiss, ...]:
     """
     found: list[NearMiss] = []
     for robot, each in enumerate(findings.robots):
-        _, closest = mildest(each)
+        _, closest = each.mildest
         if closest is None or not each.speed_m_s > MOVING_M_S:
             continue
         limit_m = closest.separation_m - closest.slack_m

@@ -3,6 +3,7 @@
 import numpy as np
 
 from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.base.skeleton import hidden_ends
 from hri_predict.risk.terms import Finding
 from hri_predict.robots.motion import RobotMotion
 from hri_predict.zones.body_zones import BodyZones
@@ -23,6 +24,16 @@ def pair_of(
     body = zones[pair]
     robot = motion.capsules
     return body, robot[link]
+
+
+def hidden_ends_of(people: Finding, bodies: BodyZones) -> int:
+    """Return how many joints of the deciding segment the newest capture does not show, 0 to 2.
+
+    A lost person has none: no part of that body is seen.
+    """
+    if bodies.fresh is None or not 0 <= people.person < len(bodies.fresh):
+        return 0
+    return hidden_ends(bodies.zones.segments[people.segment], bodies.fresh[people.person])
 
 
 def pair_m(people: Finding, bodies: BodyZones, motion: RobotMotion) -> float | None:

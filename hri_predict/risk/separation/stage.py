@@ -71,6 +71,19 @@ class RobotFindings:
     not_backing_out: str = ""
     motion: RobotMotion | None = field(default=None, compare=False)
 
+    @property
+    def ways(self) -> dict[str, Finding | None]:
+        """The findings for the people, by the rule that each of them follows."""
+        return {"zones": self.people, "standard": self.standard, "contact": self.contact}
+
+    @property
+    def mildest(self) -> tuple[str, Finding | None]:
+        """The finding for the people with the most slack, and its rule."""
+        there = {name: way for name, way in self.ways.items() if way is not None}
+        if not there:
+            return "", None
+        return max(there.items(), key=lambda way: way[1].slack_m)
+
 
 @dataclass(frozen=True, slots=True)
 class Findings:

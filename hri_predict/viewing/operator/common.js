@@ -59,11 +59,16 @@ function fact(name, text) {
 const sinceHeardMs = () => performance.now() - heardMs;
 const isLate = () => sinceHeardMs() > GONE_MS;
 
+// The time of day here, as "explain --at" reads it: browsers may write 12 hours with AM and PM.
+function clock(at) {
+  return [at.getHours(), at.getMinutes(), at.getSeconds()].map((n) => String(n).padStart(2, "0")).join(":");
+}
+
 // The time of day here and, where that is another, in UTC: "explain" and recordings count in UTC.
 function times(ms) {
   const at = new Date(ms);
   if (isNaN(at)) return ["–"];
-  const here = at.toLocaleTimeString();
+  const here = clock(at);
   return at.getTimezoneOffset() ? [here, ", " + at.toISOString().slice(11, 19) + " UTC"] : [here];
 }
 

@@ -185,7 +185,7 @@ function draw() {
   drawHeader(all.map(([, cell]) => cell));
   drawDetails((all.find(([key]) => key === chosen) || [])[1]);
   arrange(all.length);
-  write(byId("clock"), new Date().toLocaleTimeString());
+  write(byId("clock"), clock(new Date()));
 }
 
 document.addEventListener("keydown", (event) => {

@@ -278,3 +278,12 @@ def test_what_is_refused_is_logged_at_once_and_then_seldom(rig, caplog):
     assert said() == [
         "source 'mine': 1 malformed (invalid literal for int() with base 10: b'no scene')"
     ]
+
+
+def test_a_sender_that_starts_again_is_logged_without_an_error(rig, caplog):
+    with caplog.at_level("WARNING"):
+        rig.put(b"1:7", b"2:0")
+        rig.scenes(2)
+        rig.put(b"2:1")
+        rig.wait(lambda: caplog.messages)
+    assert caplog.messages == ["source 'mine': 1 restart of the sender"]

@@ -29,7 +29,7 @@ def run(*words):
     [
         (["explain", "--at", "12:00:00"], "have no UTC"),
         (["explain", "--at", "99"], "not recorded; these recordings are from 0.00 to 5.5"),
-        (["explain", "--at", "3", "--robot", "arn"], "did you mean 'arm'"),
+        (["explain", "--at", "3", "--robot", "arn"], "no robot has this name; did you mean 'arm'?"),
         (["explain", "--at", "3", "--picture", "why.gif"], "ends in .png or .svg"),
         (["explain", "--picture", "why.png"], "--picture: has no effect without --at"),
         (["explain", "--robot", "arn"], "no such robot; did you mean 'arm'?; available: arm"),

@@ -172,4 +172,4 @@ def test_a_cause_that_comes_and_goes_is_named_not_the_wait_between(tmp_path):
     assert answer(0.1, 1.0).startswith("a person was 0.50 m")
     waited = answer(0.1, 0.1)
     assert waited.startswith("it waited for new captures")
-    assert "before that: a person was 0.50 m" in waited
+    assert "before that, until 12:00:00.0: a person was 0.50 m" in waited

@@ -195,7 +195,7 @@ def test_somebody_elses_schema_is_never_replaced_without_force(call, tmp_path):
         ),
         (["--yes", "--link", "can:can0"], "--link can:can0: write can:INTERFACE:CHANNEL"),
         (["--yes", "--link", "cann"], "--link cann: unknown link 'cann'; did you mean 'can'?"),
-        (["--yes", "--mode", "bold"], "--mode bold: mode bold: unknown"),
+        (["--yes", "--mode", "bold"], "--mode bold: unknown (iso"),
         (["--yes", "--mode", "hybrid"], "--mode hybrid: hybrid lets the robot touch people"),
         (["--yes", "--set", "risk.mod=iso"], "cell.yaml:25: risk.mod: unknown key; did you mean"),
         (["--yes", "--set", "links.0.fd=true"], "--set links.0.fd=true: 'links' is a list and"),
