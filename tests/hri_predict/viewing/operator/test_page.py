@@ -289,7 +289,7 @@ def test_a_browser_says_who_is_near_what_is_wrong_and_times_in_utc_too():
         browser.open(page.url)
         browser.wait_for_text("person 1's left hand, 0.67 m from the forearm")
         assert "node degraded: the predictor was late" in browser.text()
-        assert browser.evaluate(when) == "11:13:20 PM, 22:13:20 UTC"
+        assert browser.evaluate(when) == "23:13:20, 22:13:20 UTC"
         asked = "hri-predict explain RECORDING --at 2023-11-14T22:13:20"
         assert browser.evaluate(command) == asked
         browser.ask("Emulation.setTimezoneOverride", timezoneId="UTC")
