@@ -34,7 +34,8 @@ def test_every_command_that_is_registered_has_its_place_in_the_list():
 @pytest.mark.parametrize(
     ("option", "unneeded"), [("--version", (*HEAVY, *PARSER)), ("--help", HEAVY)]
 )
-def test_help_and_version_import_nothing_heavy(option, unneeded):
+def test_help_and_version_import_nothing_heavy(option, unneeded, monkeypatch):
+    monkeypatch.delenv("HRI_PREDICT_OWN_PROCESS", raising=False)  # as a user starts it
     code = (
         f"{CALL}sys.argv[1:] = ['{option}']\n"
         "try: main()\n"
