@@ -40,6 +40,6 @@ def test_the_lines_follow_from_the_table():
 def test_what_the_page_says_of_delay():
     ten_ms = protective_distance(1.0, 0.51, 0.3, 0.2).total
     assert ten_ms - protective_distance(1.0, 0.50, 0.3, 0.2).total == pytest.approx(0.026)
-    assert "each 10 ms of T_r costs 26 mm at 1 m/s" in PAGE
+    assert "each 10 ms of T_r costs 26 mm of S_p at 1 m/s" in PAGE
     with_cuda = V["bias"] + V["sigmas"] * V["sigma"] + V["mounting"] + 87
     assert f"{with_cuda:.0f} mm" in PAGE
