@@ -118,8 +118,9 @@ class DelayBudget:
             f"predictor.horizon_s: the delay budget of robot {robot}, T_r {reaction_s:.3f} s + T_s "
             f"{stopping_s:.3f} s, exceeds the last horizon, {horizon_s:.3f} s; "
             f"{self.stale_s:.3f} s of it are source.stale_s, which follows from the source's rate: "
-            "use a faster source, raise predictor.horizon_s, lower the robot's max_speed_m_s or "
-            "the links' times, or set risk.limits.extend_beyond_horizon: true"
+            "use a faster source, raise predictor.horizon_s up to what its calibration reaches "
+            "(the shipped ones: 1.2 s), lower the robot's max_speed_m_s or the links' times, or "
+            "set risk.limits.extend_beyond_horizon: true"
         )
 
     def _worst(self, robot: str | None) -> LinkDelay | None:

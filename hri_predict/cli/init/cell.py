@@ -12,9 +12,9 @@ from hri_predict.contracts import registry
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.trajectory import load_trajectory
 
-PREDICTOR = "constant_velocity"
-HORIZONS_S = (1.2, 1.6, 2.0, 3.0)
-"""Candidate horizons; the first one long enough for the robot to stop is used."""
+PREDICTOR = "average"
+"""The default, by the rule of docs/decisions/default-predictor.md."""
+_HORIZON_S = 1.2  # as far as the shipped calibrations reach
 _SHOWN = ("joint_map", "rate_hz", "host", "port", "baudrate", "min_latency_s", "interface",
           "channel", "bitrate")  # fmt: skip
 """Keys of sources and links written even with default values, because users look for them."""
@@ -137,7 +137,7 @@ def _plain(value: str | float) -> str | float:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def cell(answers: Answers, base_dir: Path, horizon_s: float, door_m: float) -> dict[str, Any]:
+def cell(answers: Answers, base_dir: Path, door_m: float) -> dict[str, Any]:
     """Return the configuration; ``door_m``: distance of the door beyond a simulated robot's reach.
 
     Raises:
@@ -155,7 +155,7 @@ def cell(answers: Answers, base_dir: Path, horizon_s: float, door_m: float) -> d
         corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]
         exit_ = [[round(x + dx, 1), round(y + dy, 1)] for dx, dy in corners]
         data["people"] = {"exits": [{"polygon": exit_}]}
-    data["predictor"] = {"name": answers.predictor, "horizon_s": horizon_s}
+    data["predictor"] = {"name": answers.predictor, "horizon_s": _HORIZON_S}
     data["robots"] = [robot]
     data["risk"] = {
         "mode": answers.mode,

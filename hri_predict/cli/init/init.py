@@ -17,7 +17,7 @@ from hri_predict.base.quantities.units import phrase
 from hri_predict.base.set_key import set_key
 from hri_predict.cli.common import tell, without_effect
 from hri_predict.cli.generate.config import write
-from hri_predict.cli.init.cell import DOORS_M, HORIZONS_S, Answers, cell, hints
+from hri_predict.cli.init.cell import DOORS_M, Answers, cell, hints
 from hri_predict.cli.init.questions import Asker, ask_all
 from hri_predict.cli.settings_page.schema import Schema
 
@@ -162,21 +162,18 @@ def _checked_text(
     from hri_predict.cli.check.check import examine
     from hri_predict.run.config import checked
 
-    horizons_s, doors_m = list(HORIZONS_S), list(DOORS_M)
+    doors_m = list(DOORS_M)
     while True:
-        data = cell(answers, path.parent, horizons_s[0], doors_m[0])
+        data = cell(answers, path.parent, doors_m[0])
         for change in changes:
             set_key(data, change)
         text = _head(path, with_schema) + commented(data, hints(data), whole)
         try:
             examine(checked(path, text, load_yaml(text)))
         except ConfigError as error:
-            if "predictor.horizon_s" in str(error) and len(horizons_s) > 1:
-                del horizons_s[0]
-            elif answers.simulated and "people.exits" in str(error) and len(doors_m) > 1:
-                del doors_m[0]
-            else:
+            if not (answers.simulated and "people.exits" in str(error) and len(doors_m) > 1):
                 raise
+            del doors_m[0]
         else:
             return text
 

@@ -113,9 +113,27 @@ def test_all_answers_by_flags_need_no_terminal(call, tmp_path):
 
 
 def test_the_senders_joints_and_the_predictor_are_taken_from_flags(call, tmp_path):
-    assert call("--yes", "--joint-map", "coco17", "--predictor", "average", "--no-schema")[0] == 0
+    assert call("--yes", "--joint-map", "coco17", "--predictor", "stb", "--no-schema")[0] == 0
     _, data = read(tmp_path)
-    assert (data["source"]["joint_map"], data["predictor"]["name"]) == ("coco17", "average")
+    assert (data["source"]["joint_map"], data["predictor"]["name"]) == ("coco17", "stb")
+
+
+def test_the_predictor_is_by_default_the_one_with_which_people_may_work_nearest(call, tmp_path):
+    assert call("--yes", "--no-schema")[0] == 0
+    assert read(tmp_path)[1]["predictor"] == {"name": "average", "horizon_s": 1.2}
+
+
+def test_a_stop_later_than_the_calibrated_horizon_is_refused_with_a_remedy_that_works(
+    call, tmp_path
+):
+    late = ["--yes", "--no-schema", "--link", "can:socketcan:can0"]
+    late += ["--set", "links.0.reaction_s=1.0"]
+    status, err = call(*late)
+    assert status != 0
+    assert "exceeds the last horizon, 1.200 s" in err
+    assert "or set risk.limits.extend_beyond_horizon: true" in err
+    assert not (tmp_path / "cell.yaml").exists()
+    assert call(*late, "--set", "risk.limits.extend_beyond_horizon=true")[0] == 0
 
 
 def test_numbers_of_lists_are_set_one_by_one(call, tmp_path):
@@ -257,9 +275,9 @@ def test_in_a_terminal_it_asks_again_until_an_answer_is_right(tmp_path):
         ("Link 2 ('none' ends) [none]: ", ""),
         ("[predictive]: ", "reactive"),
         ("Predictors: ", None),
-        ("Predictor [constant_velocity]: ", "zero"),
+        ("Predictor [average]: ", "zero"),
         ("unknown predictor 'zero'", None),
-        ("Predictor [constant_velocity]: ", "zero_velocity"),
+        ("Predictor [average]: ", "zero_velocity"),
         ("hri-predict check cell.yaml", None),
     ]
     with subprocess.Popen(
