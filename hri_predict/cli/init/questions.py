@@ -206,9 +206,8 @@ def ask_predictor(asker: Asker, predictor: str | None, changes: list[str]) -> st
         return PREDICTOR  # replaced later
     if asker.asks and predictor is None:
         say(
-            f"Predictors: {', '.join(registry.names('predictors'))}. With average people may work "
-            "nearest; constant_velocity takes the least processor time "
-            "(docs/guides/choose-a-predictor.md)."
+            f"Predictors: {', '.join(registry.names('predictors'))}. average has the smallest "
+            "error; constant_velocity needs no network (docs/guides/choose-a-predictor.md)."
         )
     return asker.take(
         "--predictor", predictor, question="Predictor", default=PREDICTOR, check=check

@@ -118,7 +118,7 @@ def test_the_senders_joints_and_the_predictor_are_taken_from_flags(call, tmp_pat
     assert (data["source"]["joint_map"], data["predictor"]["name"]) == ("coco17", "stb")
 
 
-def test_the_predictor_is_by_default_the_one_with_which_people_may_work_nearest(call, tmp_path):
+def test_the_predictor_is_by_default_that_of_the_rule(call, tmp_path):
     assert call("--yes", "--no-schema")[0] == 0
     assert read(tmp_path)[1]["predictor"] == {"name": "average", "horizon_s": 1.2}
 
