@@ -13,6 +13,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
+from typing import Self
 
 from hri_predict.base.errors import LinkError, LinkErrors, failure
 from hri_predict.base.machine.compiled import why_not_kept
@@ -38,7 +39,7 @@ reported together.
 
 
 class SlowStart(Listener):
-    """Logs once that the start takes long; the first tick ends the start.
+    """Logs once that the start takes long; the first tick, or the end of a ``with`` block, ends it.
 
     Args:
         after_s: duration of a start after which it is reported.
@@ -65,6 +66,12 @@ class SlowStart(Listener):
     def over(self) -> None:
         """Stop without logging."""
         self._timer.cancel()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.over()
 
 
 @contextlib.contextmanager

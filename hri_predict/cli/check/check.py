@@ -33,6 +33,7 @@ from hri_predict.run.config import Config
 from hri_predict.run.coverage import zones_text
 from hri_predict.run.places import place_notes
 from hri_predict.run.review.less_safe import less_safe_settings
+from hri_predict.run.starting import SlowStart
 from hri_predict.run.ticks_told import race_notes, ticks_facts, ticks_line
 
 
@@ -95,7 +96,7 @@ def check(
         if not sensor.show(sensor.listen(loaded, listen), loaded, as_json):
             raise typer.Exit(1)
         return
-    with loaded.naming_lines():
+    with SlowStart(), loaded.naming_lines():
         predictor = assemble.build_predictor(loaded)
         found = examine(loaded, predictor)
         found["working_distance"] = zones.distance_facts(loaded, predictor)

@@ -99,9 +99,13 @@ def init(
         changes=change or [],
     )
     from hri_predict.cli.settings_page.schema import schema
+    from hri_predict.run.starting import SlowStart
 
     whole = schema()
-    text = _checked_text(path, answers, changes=change or [], whole=whole, with_schema=with_schema)
+    with SlowStart():
+        text = _checked_text(
+            path, answers, changes=change or [], whole=whole, with_schema=with_schema
+        )
     write(path, text)
     written = [path]
     if with_schema:

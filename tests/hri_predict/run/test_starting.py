@@ -93,6 +93,14 @@ def test_a_start_that_is_over_is_not_said(caplog):
     assert not said(caplog)
 
 
+def test_a_command_that_is_done_is_not_said_to_start(caplog):
+    with SlowStart(after_s=3600.0) as start:
+        assert start._timer.is_alive()
+    start._timer.join(30.0)
+    assert not start._timer.is_alive()
+    assert not said(caplog)
+
+
 def test_a_hangup_that_is_ignored_stays_ignored():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
