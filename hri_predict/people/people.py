@@ -249,12 +249,11 @@ class People(RemembersLost):
     def _body(self, person: Person) -> Body | None:
         """Return the person's canonical joints; ``None`` if no joint is usable."""
         mapped = canonical_body(person, self._joint_map, self._origin)
-        body, trouble, unusable, unseen, hip_centred = mapped
-        (self._hip_centred.add if hip_centred else self._hip_centred.discard)(person.id)
-        self._counters.update(unusable_joints=unusable, unseen_joints=unseen)
-        if trouble is not None:
-            self._refuse(trouble)
-        return body
+        (self._hip_centred.add if mapped.hip_centred else self._hip_centred.discard)(person.id)
+        self._counters.update(mapped.counts)
+        if mapped.trouble is not None:
+            self._refuse(mapped.trouble)
+        return mapped.body
 
     def _is_repeat(self, track: Track, body: Body, capture_ns: int) -> bool:
         """Return whether a source that declares noise repeated identical joints."""

@@ -69,7 +69,7 @@ def _cleared(
     zero = person.observed & at_origin(person.positions, origin)
     observed = person.observed & ~zero
     joints, seen = recording.joint_map.map(person.positions, observed)
-    far: Bools = observed & (single @ out_of_reach(joints, seen) > 0)
+    far: Bools = observed & (single @ out_of_reach(joints, seen)[0] > 0)
     if not (zero.any() or far.any()):
         return person
     counts += int(zero.sum()), int(far.sum())

@@ -31,6 +31,8 @@ class Mapped(NamedTuple):
         unseen: number of observed joints at the source's origin, or too far from the others.
         hip_centred: whether the waist is at the source's origin, with the rest of the body around
             it.
+        misnamed: whether the joints contradict each other, as with a wrong joint map. The body is
+            believed, because its position may be right.
     """
 
     body: Body | None
@@ -38,6 +40,16 @@ class Mapped(NamedTuple):
     unusable: int = 0
     unseen: int = 0
     hip_centred: bool = False
+    misnamed: bool = False
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What is counted of a body that is not refused."""
+        return {
+            "unusable_joints": self.unusable,
+            "unseen_joints": self.unseen,
+            "misnamed_bodies": int(self.misnamed),
+        }
 
 
 def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mapped:
@@ -71,7 +83,7 @@ def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mappe
         return Mapped(None, None, unusable, unseen)
     if not is_human_sized(positions, observed):
         return Mapped(None, "wrong_size_bodies", unusable, unseen)
-    far = out_of_reach(positions, observed)
+    far, misnamed = out_of_reach(positions, observed)
     unseen += int(np.count_nonzero(far))
     if far.any():
         observed = observed & ~far
@@ -81,7 +93,7 @@ def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mappe
             return Mapped(None, "wrong_size_bodies", unusable, unseen)
     body = Body(person.id, np.where(observed[:, None], positions, 0.0), observed, error_m)
     around = bool(nowhere.any()) and _is_waist(joint_map, nowhere) and _around(body, origin)
-    return Mapped(body, None, unusable, unseen, around)
+    return Mapped(body, None, unusable, unseen, around, misnamed)
 
 
 def _is_waist(joint_map: JointMap, joints: Bools) -> bool:

@@ -36,12 +36,14 @@ def contradicts(positions: Floats, observed: Bools) -> Bools:
     return found
 
 
-def out_of_reach(positions: Floats, observed: Bools) -> Bools:
+def out_of_reach(positions: Floats, observed: Bools) -> tuple[Bools, bool]:
     """Return (J,) whether observed canonical joints are farther from others than bones allow.
 
+    Also returns whether so many joints of a whole body are that the joint map must be wrong; then
+    none is marked.
+
     The joint that is too far from most others is disbelieved first, then the next, until the rest
-    agree. If only two joints contradict each other, both are disbelieved. A whole body that is
-    contradictory everywhere is not changed.
+    agree. If only two joints contradict each other, both are disbelieved.
 
     Args:
         positions: (J, 3) metres; finite where observed.
@@ -59,5 +61,5 @@ def out_of_reach(positions: Floats, observed: Bools) -> Bools:
         wrong[where[worst]] = True
         too_far[worst] = False
         too_far[:, worst] = False
-    misnamed = len(where) >= WHOLE_BODY_JOINTS and wrong.sum() > MISNAMED * len(where)
-    return np.zeros_like(wrong) if misnamed else wrong
+    misnamed = len(where) >= WHOLE_BODY_JOINTS and bool(wrong.sum() > MISNAMED * len(where))
+    return (np.zeros_like(wrong) if misnamed else wrong), misnamed

@@ -206,7 +206,7 @@ class Sensor:
     def _body(self, person: Person, wrong: set[Reason]) -> Body:
         """Return the canonical body; without joints if none is usable."""
         mapped = canonical_body(person, self.source.joint_map, self._origin)
-        self.counters.update(unusable_joints=mapped.unusable, unseen_joints=mapped.unseen)
+        self.counters.update(mapped.counts)
         if mapped.trouble is not None:
             self._note(mapped.trouble, Reason.INPUT_IMPOSSIBLE, wrong)
         if mapped.hip_centred:

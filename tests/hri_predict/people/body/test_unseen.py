@@ -26,14 +26,16 @@ def test_only_a_joint_at_exactly_the_origin_is_there():
 def test_joints_too_far_from_the_rest_are_disbelieved_alone(lost):
     body = BODY.copy()
     body[lost] = [0.05, -0.05, 0.0]
-    assert np.flatnonzero(out_of_reach(body, ALL)).tolist() == sorted(lost)
+    far, misnamed = out_of_reach(body, ALL)
+    assert np.flatnonzero(far).tolist() == sorted(lost)
+    assert not misnamed
 
 
 def test_of_two_joints_that_contradict_each_other_neither_is_believed():
     only = np.isin(np.arange(len(JOINTS)), ARM[:2])
     body = BODY.copy()
     body[ARM[1]] += [0.0, 0.0, -1.0]
-    assert out_of_reach(body, only).tolist() == only.tolist()
+    assert out_of_reach(body, only)[0].tolist() == only.tolist()
 
 
 @pytest.mark.parametrize("height", [1.0, 1.5, 2.0])
@@ -41,7 +43,18 @@ def test_true_bodies_are_believed(height):
     who = Body(height)
     joints = who.joints(who.standing(np.array([2.0, 1.0]), 0.3))
     noise = np.random.default_rng(0).normal(0, 0.02, joints.shape)
-    assert not out_of_reach(joints + noise, ALL).any()
+    assert not out_of_reach(joints + noise, ALL)[0].any()
+
+
+def test_a_body_with_wrong_names_is_believed_and_counted(make_room):
+    """Nobody knows which of its joints is right, but somebody is there."""
+    shuffled = BODY[np.random.default_rng(0).permutation(len(JOINTS))]
+    snapshot = make_room().see(Person(1, shuffled, ALL), times=30)
+    assert snapshot.ids == (1,)
+    assert snapshot.counters["misnamed_bodies"] == 30
+    assert snapshot.counters["unseen_joints"] == 0
+    snapshot = make_room().see(Person(1, BODY, ALL), times=30)
+    assert snapshot.counters["misnamed_bodies"] == 0
 
 
 def test_a_lost_joint_counts_from_the_first_capture_on(make_room):
