@@ -47,7 +47,7 @@ def solve(
     *,
     images: Annotated[Path, typer.Option(help="Folder with images of the board.")],
     square: Square,
-    out: Annotated[Path, typer.Option(help="Camera file to write.")] = Path("camera.yaml"),
+    out: Annotated[Path, typer.Option(help="Camera file to write.")] = Path("lens.yaml"),
     columns: Columns = 9,
     rows: Rows = 6,
     as_json: JsonOption = False,
@@ -62,8 +62,9 @@ def solve(
     need_cv2()
     from hri_drivers.camera.calibration.board import Board
     from hri_drivers.camera.calibration.solving import calibrate, pictures_of
-    from hri_drivers.camera.place.camera import write_camera
+    from hri_drivers.camera.place.camera import refuse_other_file, write_camera
 
+    refuse_other_file(out)
     found = calibrate(pictures_of(images), Board(columns, rows, square))
     write_camera(out, found.camera)
     camera = found.camera
@@ -120,7 +121,7 @@ def pose(
     Repeat this for each camera while the board stays in place, so that all cameras share one room
     frame. Copy the pose of the (first) camera into the node's configuration.
 
-    Example: hri-predict camera-calibration pose --camera camera.yaml --image board.jpg
+    Example: hri-predict camera-calibration pose --camera lens.yaml --image board.jpg
     --square 0.025 --at 1.2,0.4,0.8 --turned 90
     """
     need_cv2()

@@ -1,4 +1,4 @@
-"""A camera's geometry: intrinsics, distortion and its pose in the room, and ``camera.yaml``.
+"""A camera's geometry: intrinsics, distortion and its pose in the room, and its file.
 
 A camera's own axes are x to the right, y down, z away from it. Its pose in the room,
 ``room_from_source``, uses the axes of REP-103 (x away from it, y left, z up), as for every other
@@ -9,6 +9,7 @@ Calibration and 3D Reconstruction").
 """
 
 import math
+import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -146,7 +147,7 @@ def guessed_camera(width: int, height: int, field_of_view_deg: float | None = No
 
 
 class CameraFile(Settings):
-    """``camera.yaml``, as ``hri-predict camera-calibration`` writes it."""
+    """A camera file, as ``hri-predict camera-calibration`` writes it."""
 
     width: int = Field(ge=16, le=16384, description="size of the images, pixels")
     height: int = Field(ge=16, le=16384, description="size of the images, pixels")
@@ -197,7 +198,7 @@ class CameraFile(Settings):
 
 
 def read_camera(path: Path) -> Camera:
-    """Read ``camera.yaml``.
+    """Read a camera file.
 
     Raises:
         ConfigError: the file is missing or wrong; one line names the key.
@@ -209,8 +210,24 @@ def read_camera(path: Path) -> Camera:
         raise ConfigError(f"camera {path}: {error}") from None
 
 
+def refuse_other_file(path: Path) -> None:
+    """Fail if the file exists and is no camera file, such as a node's configuration.
+
+    Raises:
+        ConfigError: it does.
+    """
+    if not os.path.lexists(path):
+        return
+    try:
+        read_camera(path)
+    except ConfigError:
+        raise ConfigError(
+            f"{path}: exists and is not a camera file; name another file with --out"
+        ) from None
+
+
 def write_camera(path: Path, camera: Camera) -> None:
-    """Write ``camera.yaml``.
+    """Write a camera file.
 
     Raises:
         ConfigError: the file cannot be written.

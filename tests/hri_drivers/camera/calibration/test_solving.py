@@ -51,6 +51,19 @@ def solved(pictures, tmp_path_factory):
     return path, json.loads(result.stdout)
 
 
+def test_a_file_that_is_not_a_camera_is_not_replaced(pictures, tmp_path):
+    """Such as the node's configuration, which a guide also calls by the camera."""
+    cell = tmp_path / "camera.yaml"
+    cell.write_text("rate_hz: 25\nsource: {kind: udp}\n")
+    line = f"solve --images {pictures} --square 0.025 --out {cell}".split()
+    result = CliRunner().invoke(app, line)
+    assert isinstance(result.exception, ConfigError)
+    assert str(result.exception) == (
+        f"{cell}: exists and is not a camera file; name another file with --out"
+    )
+    assert "kind: udp" in cell.read_text()
+
+
 def test_the_camera_is_the_one_that_took_the_pictures(solved):
     path, shown = solved
     camera = read_camera(path)
