@@ -1,6 +1,6 @@
 """Progress of a body on its way through an exit, kept by each track."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -59,15 +59,25 @@ class Visit:
 
 @dataclass(slots=True, eq=False)
 class Crossed:
-    """A body's outward crossing of a side of an exit, with its position (2,)."""
+    """A body's outward crossing of a side of an exit.
+
+    Attributes:
+        side: the side.
+        at: (2,) position of the crossing.
+        farthest_m: largest distance behind the side since then.
+    """
 
     side: Side
     at: Floats
+    farthest_m: float = 0.0
+
+    def out_m(self, place: Floats) -> float:
+        """Return how far behind that side ``place`` (2,) is; negative in front of it."""
+        return float((place - self.at) @ self.side.out)
 
     def holds(self, place: Floats) -> bool:
         """Return whether a body at ``place`` (2,) is still behind that side, and near it."""
-        away = place - self.at
-        return float(away @ self.side.out) > 0 and np.hypot(*away) <= self.side.beyond_m
+        return self.out_m(place) > 0 and np.hypot(*(place - self.at)) <= self.side.beyond_m
 
 
 @dataclass(slots=True, eq=False)
@@ -77,6 +87,7 @@ class Passage:
     Attributes:
         place: (2,) where it stood when its hips or feet were last seen.
         seen_ns: time of that capture.
+        travelled: (2,) ``Trail.place`` in that capture.
         in_room: whether the body was seen outside of every exit, and has not come in through one
             since.
         visit: the exit in which the body is.
@@ -85,6 +96,7 @@ class Passage:
 
     place: Floats | None = None
     seen_ns: int = 0
+    travelled: Floats = field(default_factory=lambda: np.zeros(2))
     in_room: bool = False
     visit: Visit | None = None
     crossed: Crossed | None = None

@@ -19,7 +19,7 @@ import numpy as np
 from hri_predict.base.arrays import Floats
 from hri_predict.base.settings import Region
 from hri_predict.people.lost.floor import Way, floor_place, floor_way
-from hri_predict.people.passage import Crossed, Side, Visit
+from hri_predict.people.passage import Crossed, Passage, Side, Visit
 from hri_predict.people.settings import Exit, lies_on
 from hri_predict.people.track import Track
 
@@ -41,7 +41,9 @@ BEHIND_M, BEHIND_LINE_M = 0.75, 3.0
 """Maximum distance behind a side at which a person counts as outside; larger for a configured
 line."""
 BACK_M = 0.05
-"""A person who has moved inwards by more than this since crossing is coming back."""
+"""A person who has moved inwards by more than this in ``LATELY_S`` is coming back ..."""
+RETURNED_M = 0.15
+"""... and so is a person who is nearer to the exit by this than at some time since crossing."""
 RESUMED_S, RESUMED_M = 1.0, 0.1
 """A person found again on the way out has left after moving this far onwards within this time."""
 
@@ -65,19 +67,20 @@ class Doors:
 
     def follow(self, track: Track) -> None:
         """Record whether the newest capture of ``track`` leads into an exit, through it or back."""
+        passage = track.passage
         place = floor_place(track) if self._exits else None
         if place is None:
+            _watch(passage, _place_now(track))  # whose legs are hidden may come back, too
             return
-        passage = track.passage
         before, passage.place = passage.place, place
+        passage.travelled = track.trail.place
         fresh = track.capture_ns - passage.seen_ns <= UNSEEN_S * 1e9
         passage.seen_ns = track.capture_ns
         door = self._door_at(np.append(place, track.centroid[2]))
         if door is not None:
             self._enter(track, door, place)
         elif passage.crossed is not None:
-            if not passage.crossed.holds(place):
-                passage.crossed, passage.in_room = None, True
+            _watch(passage, place)
         else:
             visit, passage.visit = passage.visit, None
             if visit is not None and before is not None and fresh:
@@ -86,16 +89,17 @@ class Doors:
 
     def has_left(self, track: Track) -> bool:
         """Return whether a person who has vanished had crossed an exit and was not coming back."""
-        crossed, place = track.passage.crossed, track.passage.place
+        crossed, place = track.passage.crossed, _place_now(track)
         if crossed is None or place is None:
             return False
-        out = crossed.side.out
-        if float((place - crossed.at) @ out) < OUT_M + track.error_m:
+        out, out_m = crossed.side.out, crossed.out_m(place)
+        if out_m < max(OUT_M + track.error_m, crossed.farthest_m - RETURNED_M):
             return False
         since_s = (track.capture_ns - track.resumed_ns) * 1e-9
         if since_s >= RESUMED_S or track.resumed_ns == track.began_ns:
             way = floor_way(track, LATELY_S)
-            return way is None or float(way.moved @ out) >= -BACK_M
+            velocity = track.trail.velocity() if way is None else way.moved / way.seconds
+            return velocity is not None and float(velocity @ out) * LATELY_S >= -BACK_M
         # somebody else may have come in past who left, and got that track
         onward = floor_way(track, since_s)
         return onward is not None and float(onward.moved @ out) >= RESUMED_M
@@ -143,6 +147,28 @@ class Doors:
             if side.named or (visit.fits and float((at - visit.begin) @ side.out) >= THROUGH_M):
                 return Crossed(side, at)
         return None
+
+
+def _place_now(track: Track) -> Floats | None:
+    """Return (2,) where the body stands: where its hips or feet were last seen, and its motion
+    since.
+    """
+    passage = track.passage
+    if passage.place is None:
+        return None
+    place: Floats = passage.place + (track.trail.place - passage.travelled)
+    return place
+
+
+def _watch(passage: Passage, place: Floats | None) -> None:
+    """Withdraw a crossing if the body, now at ``place`` (2,), is no longer behind the exit."""
+    crossed = passage.crossed
+    if crossed is None or place is None:
+        return
+    if crossed.holds(place):
+        crossed.farthest_m = max(crossed.farthest_m, crossed.out_m(place))
+    else:
+        passage.crossed, passage.in_room = None, True
 
 
 def _sides(exit_: Region) -> tuple[Side, ...]:

@@ -51,6 +51,7 @@ def line(begin, end, speed=1.2):
         (steps(2.0, 5.07), False),  # in it
         (np.append(steps(2.0, 5.3), np.full(50, 5.3)), True),  # crosses it, and stops behind it
         (np.append(steps(2.0, 5.4), steps(5.4, 5.2)), False),  # crosses it, and turns round
+        (np.append(steps(2.0, 5.4), steps(5.4, 5.15, 0.2)), False),  # and comes back slowly
         (steps(2.0, 4.7), False),  # inside, on the way out: may turn round unseen
         (steps(2.0, 4.35), False),
         (np.append(steps(2.0, 4.95), np.full(10, 4.95)), False),  # stops before the side
@@ -99,6 +100,32 @@ def test_hips_or_feet_must_be_seen(make_room, hides):
     assert len(snapshot.lost) == (hides is LOW)
     snapshot = walked(make_room, places, hidden=lambda i, count: ~hides)  # legs alone
     assert len(snapshot.lost) == 0
+
+
+def turned(begin, end, speed=1.2, seconds=0.6):
+    """Places of somebody who walks there, slows down, turns round and is on the way back."""
+    times = np.arange(-seconds, seconds, 1 / HZ)
+    turn = end + 0.5 * speed * (seconds - times**2 / seconds) - 0.5 * speed * seconds
+    return np.concatenate([steps(begin, turn[0], speed), turn])
+
+
+@pytest.mark.parametrize("until", [1.0, 4.5, 5.2])
+@pytest.mark.parametrize("hides", [LEGS, LOW])
+def test_who_comes_back_behind_something_has_not_left(make_room, hides, until):
+    """A cart hides the legs, perhaps the hips, of a person who returns through the exit."""
+    out = turned(2.0, 5.6)
+    places = np.append(out, steps(out[-1], until))
+    turned_at = int(np.argmax(places))
+    snapshot = walked(make_room, places, hidden=lambda i, count: hides & (i > turned_at))
+    assert len(snapshot.lost) == 1
+    assert snapshot.counters.get("left_by_exit", 0) == 0
+
+
+@pytest.mark.parametrize("hides", [LEGS, LOW])
+def test_who_goes_on_behind_something_has_left(make_room, hides):
+    places = steps(2.0, 5.6)
+    snapshot = walked(make_room, places, hidden=lambda i, count: hides & (places[i] > 5.2))
+    assert snapshot.lost == ()
 
 
 @pytest.mark.parametrize("angle", [-0.5, 0.0, 0.5])
