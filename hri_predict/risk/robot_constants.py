@@ -131,11 +131,13 @@ class RobotConstants:
         """Return T_r, seconds, for advice based on a capture of age ``age_s``."""
         return age_s + self.until_braking_s
 
-    def needed_m(self, human_m_s: float = 0.0) -> float:
-        """S_p at the highest speed and the longest delay, metres."""
-        return worst_distance(
-            self.risk, self.robot, self.model, self.budget, human_m_s=human_m_s
-        ).total
+    def needed_m(self, human_m_s: float = 0.0, late_s: float = 0.0) -> float:
+        """S_p at the highest speed and the longest delay, metres.
+
+        ``late_s``: how much older a body is than ``stale_s``, as one that the newest scenes lack.
+        """
+        budget = replace(self.budget, stale_s=self.budget.stale_s + late_s)
+        return worst_distance(self.risk, self.robot, self.model, budget, human_m_s=human_m_s).total
 
 
 def worst_distance(

@@ -227,9 +227,10 @@ def wherever_it_is(robot: RobotConstants, motion: RobotMotion, bodies: BodyZones
 def by_circle(
     robot: RobotConstants, motion: RobotMotion, bodies: BodyZones, radius_m: float | None = None
 ) -> Finding:
-    """Check the circle around the base for the nearest person; the circle is wider for fast people.
+    """Check the circle around the base for the nearest person.
 
-    The circle moves with a moving base. With tools, the worst case is used. ``radius_m``: default:
+    The circle is wider for fast people, and if a body was captured longer ago than ``stale_s``: the
+    newest scenes lacked it, but it is not lost yet. The circle moves with a moving base. With tools, the worst case is used. ``radius_m``: default:
     the radius of mode ``fixed``.
     """
     zones = bodies.zones.capsules
@@ -242,8 +243,10 @@ def by_circle(
     from_base = horizontal_distance(now, motion.model.base_at(motion.q))  # (P, S)
     if motion.model.mobile is not None:  # where the circle is, is uncertain, too
         from_base -= motion.clearance_m - robot.risk.clearance_m
+    late_s = max(bodies.age_s - robot.budget.stale_s, 0.0)
     worst_m = robot.needed_m()
-    wider_m = [robot.needed_m(float(v)) - worst_m if v > 0 else 0.0 for v in human_m_s]
+    late_m = robot.needed_m(0.0, late_s) - worst_m
+    wider_m = [robot.needed_m(float(v), late_s) - worst_m if v > 0 else late_m for v in human_m_s]
     from_base[: len(human_m_s)] -= np.array(wider_m)[:, None]
     person, segment = np.unravel_index(int(from_base.argmin()), from_base.shape)
     return judge_fixed(

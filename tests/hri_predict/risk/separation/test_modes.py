@@ -126,6 +126,15 @@ def test_fixed_is_a_circle_around_the_base(x, level):
         )
 
 
+@pytest.mark.parametrize(("age_s", "late_s"), [(0.0, 0.0), (0.12, 0.0), (0.2, 0.08), (2.0, 1.88)])
+def test_fixed_is_wider_for_a_body_that_the_newest_scenes_lack(age_s, late_s):
+    """Both may have moved for longer: the person at 1.6 m/s, the robot at its highest speed."""
+    cell = Cell("fixed", fixed_radius_m=2.0)
+    people = replace(spheres((4.5, 2.0, 1.0)), age_s=age_s)
+    found = cell.people(now(np.zeros(6)), people)
+    assert found.slack_m == pytest.approx(1.3 - (1.6 + ROBOT.max_speed_m_s) * late_s)
+
+
 def test_fixed_releases_beyond_the_band():
     fixed = Cell("fixed", fixed_radius_m=2.0, band_m=0.1)
     for x, release in ((3.25, Level.STOP), (3.35, Level.WARN)):
