@@ -102,7 +102,7 @@ class Publisher:
         """Return the zone of each person at the horizons that links can carry."""
         if snapshot.newest_capture_ns is None:
             return []
-        captures = dict(zip(snapshot.ids, snapshot.capture_ns.tolist(), strict=True))
+        tracked = snapshot.capture_ns.tolist()  # people in the order of the zones, then lost ones
         segments = [self._segments[name] for name in zones.segments]  # without absent parts
         messages = []
         for step in _decimated(len(zones.times_s)):
@@ -114,7 +114,7 @@ class Publisher:
                 starts, ends = map(tuple, a[p]), map(tuple, b[p])
                 rows = zip(segments, starts, ends, radius[p], strict=True)
                 capsules = tuple(starmap(ZoneCapsule, rows))
-                capture_ns = captures.get(person, snapshot.newest_capture_ns)  # none if lost
+                capture_ns = tracked[p] if p < len(tracked) else snapshot.newest_capture_ns
                 age_s = (snapshot.now_ns - capture_ns) * 1e-9
                 # on the wire horizons count from the capture; step 0 is the body at that moment
                 horizon_s = float(zones.times_s[step]) + age_s if step else 0.0

@@ -29,7 +29,7 @@ from hri_predict.people.recent import recent_captures
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.roster import SAME_PLACE_M, Appearing, Roster
 from hri_predict.people.settings import PeopleSettings
-from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.people.snapshot import PeopleSnapshot, distinct
 from hri_predict.people.track import Body, MotionLimits, Track
 from hri_predict.protocol.reasons import Reason
 
@@ -357,7 +357,7 @@ class People(RemembersLost):
             capture_ns=np.array([t[2] for t in tracks], np.int64),
             last_positions=last,
             joint_age_s=age_s,
-            lost=lost,
+            lost=distinct(lost, (t[0] for t in tracks)),
             reasons=reasons,
             newest_capture_ns=newest_good_ns,
             captures=captures,

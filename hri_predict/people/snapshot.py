@@ -1,7 +1,7 @@
 """The people in the room at one tick: the input of the predictor and the risk stage."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,24 @@ class LostPerson:
     platform_m: float = 0.0
     inferred_m: Floats | None = None
     error_m: float = 0.0
+
+
+def distinct(lost: Sequence[LostPerson], ids: Iterable[int]) -> tuple[LostPerson, ...]:
+    """Return lost people with ids that nobody else has, so that each has a zone of their own.
+
+    A source that does not keep its ids may have given a lost person's id to somebody else, who is
+    one of the tracked ``ids``. The lost person then gets a negative one, as after a restart.
+    """
+    taken, found = set(ids), []
+    for person in lost:
+        number = person.id
+        if number in taken:
+            number = -1 - abs(number)
+            while number in taken:
+                number -= 1
+        taken.add(number)
+        found.append(person if number == person.id else replace(person, id=number))
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hri_predict.base.arrays import Floats
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import sound_error_m
 from hri_predict.people.lost.lost_people import Lost, LostPeople
@@ -77,6 +78,8 @@ def lost_as_data(people: Sequence[Lost], now_ns: int) -> list[dict[str, Any]]:
             "ago_s": max(now_ns - lost.capture_ns, 0) * 1e-9,
             "speed_m_s": lost.speed_m_s,
             **({"error_m": lost.error_m} if lost.error_m else {}),
+            **_by_joint("joint_age_s", np.where(np.isinf(lost.joint_age_s), 0.0, lost.joint_age_s)),
+            **_by_joint("limbs_m_s", lost.limbs_m_s),
             "positions": [
                 None if np.isnan(joint).any() else [round(float(v), 4) for v in joint]
                 for joint in lost.positions
@@ -84,6 +87,23 @@ def lost_as_data(people: Sequence[Lost], now_ns: int) -> list[dict[str, Any]]:
         }
         for lost in people
     ]
+
+
+def _by_joint(key: str, values: Floats) -> dict[str, list[float]]:
+    """Return a row of the data, unless all values are 0."""
+    return {key: [round(float(v), 4) for v in values]} if values.any() else {}
+
+
+def _of_joints(person: Mapping[str, Any], key: str) -> Floats:
+    """Return (J,) values of a row; 0 if it is absent, as from earlier versions.
+
+    Raises:
+        TypeError, ValueError: they are not as many numbers from 0 on.
+    """
+    values = np.array([float(v) for v in person.get(key, [0.0] * len(JOINTS))])
+    if values.shape != (len(JOINTS),) or not ((values >= 0) & np.isfinite(values)).all():
+        raise ValueError(f"a lost person's {key} are wrong")
+    return values
 
 
 def lost_from_data(people: Sequence[Mapping[str, Any]], now_ns: int) -> list[Lost]:
@@ -108,10 +128,10 @@ def lost_from_data(people: Sequence[Mapping[str, Any]], now_ns: int) -> list[Los
             Lost(
                 id=number if number < 0 else -1 - number,
                 positions=np.where(known[:, None], positions, np.nan),
-                joint_age_s=np.where(known, 0.0, np.inf),
+                joint_age_s=np.where(known, _of_joints(person, "joint_age_s"), np.inf),
                 capture_ns=now_ns - round(min(float(person["ago_s"]), _LONG_AGO_S) * 1e9),
                 speed_m_s=speed_m_s,
-                limbs_m_s=np.zeros(len(positions)),
+                limbs_m_s=_of_joints(person, "limbs_m_s"),
                 error_m=error_m,
             )
         )

@@ -230,8 +230,8 @@ def by_circle(
     """Check the circle around the base for the nearest person.
 
     The circle is wider for fast people, and if a body was captured longer ago than ``stale_s``: the
-    newest scenes lacked it, but it is not lost yet. The circle moves with a moving base. With tools, the worst case is used. ``radius_m``: default:
-    the radius of mode ``fixed``.
+    newest scenes lacked it, but it is not lost yet. The circle moves with a moving base. With
+    tools, the worst case is used. ``radius_m``: default: the radius of mode ``fixed``.
     """
     zones = bodies.zones.capsules
     human_m_s = bodies.speeds.beyond_standard_m_s.max(1, initial=0.0)

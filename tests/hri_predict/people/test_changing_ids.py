@@ -27,6 +27,7 @@ def test_after_an_outage_an_id_may_be_somebody_else(make_room, seconds, blind):
     snapshot = room.see(body(1, 0.3), times=2)
     assert snapshot.ids == (1,)
     assert lost_at(snapshot) == [0.0]
+    assert [person.id for person in snapshot.lost] == [-2]  # a zone of their own on every link
 
 
 @pytest.mark.parametrize(("seconds", "lost"), [(1.0, []), (2.5, []), (4.0, [0.0]), (60.0, [0.0])])

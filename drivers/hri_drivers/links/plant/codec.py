@@ -177,7 +177,7 @@ class RegisterCodec:
             values = {
                 "NEAREST": math.floor(min(seen.distance_m * 1e3, NO_PERSON - 1)),
                 "NEAREST_ANGLE": angle & 0xFFFF,
-                "NEAREST_PERSON": seen.person,
+                "NEAREST_PERSON": seen.person & 0xFFFF,
                 "NEAREST_AGE": _age(seen.age_s),
             }
         if "NEAREST_ANGLE" not in values:

@@ -62,6 +62,13 @@ def near(codec: RegisterCodec, advice: Advice = ADVICE) -> dict[str, int]:
     return unpacked(NEAREST, block.words)
 
 
+def test_a_person_without_an_id_of_the_source_is_named_modulo_65536(codec):
+    codec.now_ns = 5_000_000_000
+    codec.encode(replace(STATUS, people=1))
+    codec.encode(replace(ZONE, person=-6))
+    assert near(codec)["NEAREST_PERSON"] == 65530
+
+
 def test_an_advice_is_the_registers_of_its_robot(codec):
     codec.now_ns = 5_000_000_000
     block = codec.encode(ADVICE)[0]

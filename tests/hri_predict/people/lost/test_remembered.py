@@ -30,6 +30,17 @@ def test_the_error_of_a_place_is_remembered_and_one_of_0_leaves_the_data_as_they
     assert lost_as_data([exact], 10**10)[0].keys() == DATA[0].keys()
 
 
+def test_what_was_hidden_before_the_loss_and_fast_limbs_are_remembered():
+    """Otherwise the zone would be smaller after a restart."""
+    rest = len(JOINTS) - 3
+    ages, limbs = [30.0, 0.0, 0.5] + rest * [0.0], [0.0, 1.2, 0.0] + rest * [0.3]
+    (lost,) = lost_from_data([DATA[0] | {"joint_age_s": ages, "limbs_m_s": limbs}], 10**10)
+    np.testing.assert_allclose(lost.joint_age_s, [30.0, np.inf, 0.5] + rest * [np.inf])
+    np.testing.assert_allclose(lost.limbs_m_s, limbs)
+    (again,) = lost_as_data([lost], 10**10)
+    assert (again["joint_age_s"], again["limbs_m_s"]) == (ages, limbs)
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -44,6 +55,10 @@ def test_the_error_of_a_place_is_remembered_and_one_of_0_leaves_the_data_as_they
         {"error_m": -1.0},
         {"error_m": float("nan")},
         {"error_m": 21.0},
+        {"joint_age_s": [0.0]},
+        {"joint_age_s": [-1.0] * len(JOINTS)},
+        {"limbs_m_s": [float("nan")] * len(JOINTS)},
+        {"limbs_m_s": [None] * len(JOINTS)},
     ],
     ids=str,
 )
