@@ -19,7 +19,7 @@ from hri_predict.node.memory import Remembers
 from hri_predict.node.presses import Press, Presses
 from hri_predict.node.publish_phase import PublishPhase
 from hri_predict.node.publisher import Publisher
-from hri_predict.node.refused_states import RefusedStates
+from hri_predict.node.refused_states import RefusedStates, StrangeStates
 from hri_predict.node.repeats import Repeats
 from hri_predict.node.shedding import Shedding
 from hri_predict.people.people import People
@@ -85,8 +85,7 @@ class Node:
 
     Counters: ``scenes_in``, ``frames_in`` (skeletons in them), ``assess_failures``,
     ``acknowledges`` (valid presses, see ``Presses``), ``acknowledges_refused`` (valid presses
-    without effect, and all invalid ones), ``listener_failures``, ``strange_states`` (RobotStates of
-    a robot that the link's controller does not control).
+    without effect, and all invalid ones), ``listener_failures``.
 
     Attributes:
         shedding: what is left out while ticks take too long; set by the code that measures them.
@@ -125,7 +124,8 @@ class Node:
         self._pressed: list[Press] = []  # to be judged by the facts of this tick
         self.conditions: Callable[[], Sequence[Reason]] = tuple
         self.scenes_in = self.frames_in = self.assess_failures = self.acknowledges = 0
-        self.listener_failures = self.strange_states = 0
+        self.listener_failures = 0
+        self._strange_states = StrangeStates()
         self._refused = self._forgotten = 0
         self.state = NodeState.STARTING
 
@@ -230,6 +230,11 @@ class Node:
         return self._presses.refused
 
     @property
+    def strange_states(self) -> int:
+        """Number of RobotStates of a robot that the link's controller does not control."""
+        return self._strange_states.count
+
+    @property
     def people_counters(self) -> Mapping[str, int]:
         """See ``People.counters``."""
         return self._people.counters()
@@ -254,7 +259,9 @@ class Node:
                 message = received.message
                 if isinstance(message, RobotState):
                     if message.robot not in robots:
-                        self.strange_states += 1  # the link's controller has no such robot
+                        self._strange_states.add(
+                            message.robot, received.received_ns, link.name, robots
+                        )
                     else:
                         tracker = self._robots[message.robot]
                         tracker.update(message, received.received_ns, link.name)

@@ -1,8 +1,8 @@
-"""Readable reasons for refused RobotStates, with the joint, for programmers of controllers."""
+"""Readable reasons for unused RobotStates, with the joint, for programmers of controllers."""
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from hri_predict.protocol.messages import RobotState
 from hri_predict.robots.model import RobotModel
@@ -48,6 +48,32 @@ class RefusedStates:
         if self._said_ns is None or now_ns - self._said_ns >= SAY_NS:
             self._said_ns = now_ns
             log.warning("robot '%s', link '%s': %s", self._tracker.settings.name, link, what)
+
+
+class StrangeStates:
+    """Counts RobotStates of robots that their link does not advise; logs them at a limited rate.
+
+    Attributes:
+        count: number of these states.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._said_ns: int | None = None
+
+    def add(self, robot: int, received_ns: int, link: str, advised: Collection[int]) -> None:
+        """Record a state of the robot with this number."""
+        self.count += 1
+        if self._said_ns is None or received_ns - self._said_ns >= SAY_NS:
+            self._said_ns = received_ns
+            log.warning(
+                "link '%s': %d RobotStates refused: the newest is of robot %d, but the robots of "
+                "this link are %s: correct the number, or the link's 'robots'",
+                link,
+                self.count,
+                robot,
+                ", ".join(map(str, sorted(advised))) or "none",
+            )
 
 
 def why_refused(state: RobotState, model: RobotModel) -> str:

@@ -13,13 +13,13 @@ from hri_predict.base.clock import Clock, MonotonicClock, VirtualClock
 from hri_predict.base.errors import ConfigError
 from hri_predict.contracts import registry
 from hri_predict.contracts.cell import Cell, ControllerReport
-from hri_predict.contracts.source import live_part
+from hri_predict.contracts.source import Source, live_part
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Memory
 from hri_predict.operation.evidence.keeper import Evidence
 from hri_predict.operation.monitoring.alerts import Alerts
 from hri_predict.operation.monitoring.pace import Pace
-from hri_predict.operation.monitoring.source_report import source_report
+from hri_predict.operation.monitoring.source_report import source_counts, source_report
 from hri_predict.operation.monitoring.summary import LevelCounter, Summary, summarise
 from hri_predict.operation.service.notify import Notifier
 from hri_predict.predictors.thread_runner import Prediction
@@ -142,10 +142,9 @@ class _Session:
     def __init__(self, config: Config, options: Options, clock: Clock, cell: Cell | None) -> None:
         self.config, self.options, self.clock, self.cell = config, options, clock, cell
         self.levels, self.slow_start = LevelCounter(), SlowStart()
-        names = [robot.name for robot in config.node.robots]
         self.alerts = Alerts(
             settings=config.node.alerts,
-            robots=names,
+            robots=[robot.name for robot in config.node.robots],
             clock=clock,
             base_dir=config.base_dir,
             cell=config.path.stem,
@@ -157,6 +156,7 @@ class _Session:
         self.evidence: Evidence | None = None
         self.announcer: Announcer | None = None
         self.referee: _Referee | None = None
+        self.source: Source | None = None
         self.memory: Memory | None = None
         self.prediction: Prediction | None = None
 
@@ -164,7 +164,7 @@ class _Session:
         """Build everything; create the recording last, when no other step can fail."""
         virtual = self.options.factor is None
         settings, place = self._where_to_record()
-        source = assemble.build_source(self.config)
+        self.source = source = assemble.build_source(self.config)
         listeners: list[Listener] = [self.slow_start, self.levels, _AlertListener(self.alerts)]
         if self.options.view is not None:
             listeners.append(self.options.view)
@@ -322,7 +322,7 @@ class _Session:
         """Return the counters besides the node's: forecasts, and items not written to disk."""
         counted = dict(self.prediction.counters) if self.prediction is not None else {}
         counted |= {"alerts_dropped": self.alerts.dropped, "alert_failures": self.alerts.failures}
-        counted |= self.serving.lost
+        counted |= self.serving.lost | source_counts(self.source)
         if self.memory is not None:
             counted["state_write_failures"] = self.memory.failures
         if self.recorder is not None:

@@ -10,6 +10,7 @@ from rich.table import Table
 from hri_predict.contracts.source import Source, live_part
 from hri_predict.people.clock.clock_alignment import ClockEstimate
 from hri_predict.people.clock.offset_line import LOCK_NS
+from hri_predict.people.merging.source import MergedSource
 
 UTC_WITHIN_S = 86_400.0
 """A clock with a larger offset was never set; then only its offset is meaningful."""
@@ -54,6 +55,11 @@ def source_report(
         },
         "live": None if live is None else asdict(live.counters),
     }
+
+
+def source_counts(source: object) -> dict[str, int]:
+    """Return the counters of a source of several sensors; empty for any other."""
+    return source.counts() if isinstance(source, MergedSource) else {}
 
 
 def source_table(report: Mapping[str, Any]) -> Table:

@@ -69,6 +69,7 @@ class Figures(Listener):
                 "acknowledges": self._node.acknowledges,
                 "acknowledges_refused": self._node.acknowledges_refused,
                 "load_sheds": self._node.shedding.sheds,
+                "strange_states": self._node.strange_states,
                 "source_failures": self._pace.source_failures,
             }
             for why, count in self._node.acknowledges_not_counted.items():

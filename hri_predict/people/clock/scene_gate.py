@@ -184,7 +184,8 @@ class SceneGate:
         self._refused_sequence = sequence
         if self._refused_run >= RESTART_SCENES:
             self.counters["source_restarts"] += 1
-            self.alignment.restart()
+            if not self._stamps_are_ours:  # otherwise no clock has changed
+                self.alignment.restart()
             if self._even is not None:
                 self._even.forget()
             self._refused_sequence, self._refused_run = None, 0

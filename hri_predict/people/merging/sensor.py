@@ -105,6 +105,10 @@ class Sensor:
         self._made_up = MadeUpWatch(people, self._origin, self._period_ns)
         self._floor = FloorWatch(people)
 
+    def counts(self) -> dict[str, int]:
+        """Return the counters of its scenes and bodies, and of its clock."""
+        return {**self._gate.counts(), **self.counters}
+
     @property
     def newest_ns(self) -> int:
         """Time of the newest capture (node's clock); ``NEVER`` before the first."""

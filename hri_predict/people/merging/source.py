@@ -115,6 +115,13 @@ class MergedSource:
             return None
         return self._scene(time_ns, silent)
 
+    def counts(self) -> dict[str, int]:
+        """Return the counters of merging, and those of each sensor as ``sensor_NAME_COUNTER``."""
+        found = dict(self._identities.counters)
+        for sensor in self.sensors:
+            found |= {f"sensor_{sensor.name}_{key}": n for key, n in sensor.counts().items()}
+        return found
+
     def close(self) -> None:
         """Close all sensors. Safe to call twice."""
         for sensor in self.sensors:

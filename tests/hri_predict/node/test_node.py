@@ -347,12 +347,13 @@ def test_each_link_hears_of_its_robots_alone(make_workcell):
     assert len(reports) == 3
 
 
-def test_a_robot_state_counts_only_from_a_link_that_controls_that_robot(near):
+def test_a_robot_state_counts_only_from_a_link_that_controls_that_robot(near, caplog):
     link = heard(near)[0]
     stranger = make_state((0.0,) * 6, robot=3)
     link.inbox.append(Received(stranger, near.clock.now_ns()))
     near.node.tick(near.clock.now_ns())
     assert (near.node.strange_states, near.node.assess_failures) == (1, 0)
+    assert "1 RobotStates refused: the newest is of robot 3, but the robots of this" in caplog.text
 
 
 def test_a_failure_while_taking_messages_is_a_fault_and_passes(near):

@@ -258,7 +258,13 @@ def check_together(links: Sequence[CanLinkSettings]) -> None:
         common = set(a.ids) & set(b.ids) if a.extended == b.extended else set()
         lowest = max(0, a.ids[0] - LAST_NUMBER)
         if common:
+            shared, change = min(common), f"a base_id outside {lowest:#x} to {a.ids[-1]:#x}"
+            named = b
+            for link in (a, b):
+                if link.isotp is not None and shared in (link.isotp_id, link.isotp.peer_id):
+                    key = "isotp.peer_id" if shared == link.isotp.peer_id else "isotp.id"
+                    named, change = link, f"another {key}"
             raise ConfigError(
-                f"{both}, and both use the id {min(common):#x}; give '{b.name}' a base_id outside "
-                f"{lowest:#x} to {a.ids[-1]:#x}, or use one link for all robots"
+                f"{both}, and both use the id {shared:#x}; give '{named.name}' {change}, or use "
+                "one link for all robots"
             )

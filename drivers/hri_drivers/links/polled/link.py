@@ -3,6 +3,7 @@
 The link sends nothing: the robot receives the advice on another link.
 """
 
+import math
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ from typing import Any, ClassVar, TypeVar
 
 from hri_drivers.links.configured import ConfiguredLink
 from hri_drivers.links.load import Traffic
-from hri_drivers.links.polled.reader import Sample, StateReader
+from hri_drivers.links.polled.reader import LONGEST_STEP_S, Sample, StateReader
 from hri_drivers.links.polled.settings import PolledLinkSettings, StateAt
 from hri_drivers.wires.transport import Transport
 from hri_predict.base.errors import LinkError
@@ -160,10 +161,17 @@ class PolledLink(ConfiguredLink[P, Sample], ABC):
         periods = 1.5 if cls._state(settings).derives else 1.0
         least_s = periods / settings.robot_state_rate_hz + settings.controller_delay_s
         if age_s <= least_s:
+            key = "motion.delay_s" if settings.max_state_age_s is None else "max_state_age_s"
             raise LinkError(
                 f"{named}: a state can be {least_s:.3g} s old ({periods:g} periods of "
                 f"robot_state_rate_hz, and controller_delay_s), plus the time of the reply, but "
-                f"motion.delay_s allows {age_s:g}; raise it, or read more often"
+                f"{key} allows {age_s:g}; raise it, or read more often"
+            )
+        if cls._state(settings).derives and settings.robot_state_rate_hz * LONGEST_STEP_S < 1:
+            raise LinkError(
+                f"{named}: velocities are derived from positions at most {LONGEST_STEP_S:g} s "
+                f"apart; raise robot_state_rate_hz to {math.ceil(1 / LONGEST_STEP_S)} or more, or "
+                "give the addresses of the velocities"
             )
         return settings.model_copy(update={"max_state_age_s": age_s})
 

@@ -68,6 +68,16 @@ def test_ids_at_the_edges_are_right():
         ({}, {"base_id": 0x6C5}, "both use the id 0x6c5; give 'b' a base_id outside"),
         ({}, {"base_id": 0x63B}, "both use the id 0x680"),
         ({"isotp": {"peer_id": 0x700}}, {"base_id": 0x700}, "both use the id 0x700"),
+        (
+            {"isotp": {"peer_id": 0x6C7}},
+            {"base_id": 0x580, "isotp": {"peer_id": 0x6C7}},
+            "both use the id 0x6c7; give 'b' another isotp.peer_id",
+        ),
+        (
+            {},
+            {"base_id": 0x580, "isotp": {"peer_id": 0x5C7, "id": 0x680}},
+            "both use the id 0x680; give 'b' another isotp.id",
+        ),
         ({}, {"base_id": 0x600, "bitrate": 250_000}, "data_bitrate differ"),
         ({"extended": True}, {"extended": True}, "both use the id 0x680"),
         (

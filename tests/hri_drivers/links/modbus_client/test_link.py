@@ -109,6 +109,9 @@ def robot(**changes):
     )
 
 
+DERIVED = {"heartbeat": 1, "automatic": True, "joints": [{"position": 10}], "tick_s": 0.001}
+
+
 def settings(**changes):
     joints = [{"position": 10, "velocity": 12}]
     state = {"heartbeat": 1, "automatic": True, "joints": joints}
@@ -121,7 +124,13 @@ def settings(**changes):
         ({}, [robot(), robot()], "of one robot, and has 2"),
         ({}, [robot(delay_s=0.0)], "needs motion"),
         ({"max_state_age_s": 0.06}, [robot()], "above motion.delay_s 0.05"),
-        ({"robot_state_rate_hz": 20}, [robot()], "can be 0.06 s old"),
+        ({"robot_state_rate_hz": 20}, [robot()], "motion.delay_s allows 0.05; raise it"),
+        ({"max_state_age_s": 0.015}, [robot()], "but max_state_age_s allows 0.015; raise it"),
+        (
+            {"robot_state_rate_hz": 10, "registers": DERIVED},
+            [robot(delay_s=0.2)],
+            "at most 0.06 s apart; raise robot_state_rate_hz to 17 or more",
+        ),
     ],
 )
 def test_settings_that_do_not_fit_the_robot_are_refused(changes, robots, said):

@@ -97,6 +97,15 @@ def test_a_person_whom_only_the_silent_sensor_saw_is_not_lost_and_goes_on_when_i
         assert tick.advices[0].level is not Level.CLEAR
 
 
+def test_the_summary_counts_the_troubles_of_each_sensor():
+    back = {"faults": [{"kind": "drop", "start_s": 1.5, "duration_s": 1.0}]}
+    source = merged(back=back, people=HERE)
+    summary = run(CELL.with_source(source), Options(factor=None, duration_s=3.0))
+    assert summary.counted["sensor_back_lost_scenes"] == pytest.approx(25, abs=2)
+    assert "sensor_front_lost_scenes" not in summary.counted
+    assert summary.counted["sensor_front_scenes"] > 80
+
+
 def test_a_person_whom_both_lose_is_lost():
     lost = {"faults": [{"kind": "vanish", "start_s": 1.5}]}
     watch = node_with(merged(lost, lost, people=HERE), 3.0)
