@@ -47,10 +47,10 @@ class LostPerson:
 
 
 def distinct(lost: Sequence[LostPerson], ids: Iterable[int]) -> tuple[LostPerson, ...]:
-    """Return lost people with ids that nobody else has, so that each has a zone of their own.
+    """Return lost people with ids that no other person has, so that each has a separate zone.
 
-    A source that does not keep its ids may have given a lost person's id to somebody else, who is
-    one of the tracked ``ids``. The lost person then gets a negative one, as after a restart.
+    A source that does not keep its ids may have given a lost person's id to another person, one of
+    the tracked ``ids``. The lost person then gets a negative one, as after a restart.
     """
     taken, found = set(ids), []
     for person in lost:

@@ -44,7 +44,7 @@ class Mapped(NamedTuple):
 
     @property
     def counts(self) -> dict[str, int]:
-        """What is counted of a body that is not refused."""
+        """Counters of the body's joints, and of bodies like it."""
         return {
             "unusable_joints": self.unusable,
             "unseen_joints": self.unseen,

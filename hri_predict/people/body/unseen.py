@@ -39,8 +39,8 @@ def contradicts(positions: Floats, observed: Bools) -> Bools:
 def out_of_reach(positions: Floats, observed: Bools) -> tuple[Bools, bool]:
     """Return (J,) whether observed canonical joints are farther from others than bones allow.
 
-    Also returns whether so many joints of a whole body are that the joint map must be wrong; then
-    none is marked.
+    Also returns whether the joint map must be wrong, because this holds for more than ``MISNAMED``
+    of a whole body's joints; then none is marked.
 
     The joint that is too far from most others is disbelieved first, then the next, until the rest
     agree. If only two joints contradict each other, both are disbelieved.

@@ -211,7 +211,7 @@ def read_camera(path: Path) -> Camera:
 
 
 def refuse_other_file(path: Path) -> None:
-    """Fail if the file exists and is no camera file, such as a node's configuration.
+    """Fail if the file exists and is not a camera file, such as a node's configuration.
 
     Raises:
         ConfigError: it does.
