@@ -190,7 +190,7 @@ def _chosen(
     *, recording: Recording, person: int | None, rate: float | None, start: float, end: float | None
 ) -> tuple[Recording, int]:
     """Return the requested part, and the number of people left out."""
-    if start > _MAX_START_S:
+    if not 0 <= start <= _MAX_START_S:
         raise ConfigError(f"--start {start:g}: must be 0 to {_MAX_START_S:g} s")
     if end is not None and not end > start:
         raise ConfigError(f"--end {end:g}: must be after --start {start:g}")

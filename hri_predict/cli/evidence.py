@@ -14,6 +14,9 @@ from hri_predict.base.skeleton import in_words
 from hri_predict.cli.common import JsonOption
 from hri_predict.operation.evidence import chain
 
+LEAST_HASH = 8
+"""Minimum number of a hash's characters that identify a line."""
+
 _SHOWN = 50
 
 
@@ -32,6 +35,11 @@ def evidence(
 
     Exit status 1: a line or a file was changed or is missing.
     """
+    if newest is not None and len(newest) < LEAST_HASH:
+        raise ConfigError(
+            f"--newest '{newest}': too short to identify a line; give {LEAST_HASH} characters of "
+            "its hash or more"
+        )
     if not chain.exists(folder):
         raise ConfigError(f"{folder}: no {chain.LOG}; name the folder of evidence.folder")
     lines = list(chain.read(folder))

@@ -363,13 +363,15 @@ def played(cell: SourceSettings, recording: Path) -> dict[str, Any]:
     }
     is_bag = _is_bag(recording)
     in_room = is_in_room(file_of(recording)) if is_bag else recording.suffix == ".mcap"
+    # the same judgement of ids and free space as live; a motion file has none of the cell's
+    seen = cell.model_dump(include=set(SourceSettings.model_fields.keys() - {"kind", "faults"}))
     if cell.kind == "ros2" and is_bag and not in_room:
         own = cell.model_dump(include={"joint_map", "axes", "frame"})
         topics: list[str] = getattr(cell, "topics", [])
-        return source | own | ({"topic": topics[0]} if len(topics) == 1 else {})
+        return seen | source | own | ({"topic": topics[0]} if len(topics) == 1 else {})
     if not in_room:
-        source["place"] = BESIDE_THE_ROBOT
-    return source
+        return source | {"place": BESIDE_THE_ROBOT}
+    return seen | source
 
 
 def _is_bag(recording: Path) -> bool:

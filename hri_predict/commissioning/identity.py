@@ -32,7 +32,7 @@ from hri_predict.zones.calibration import shipped_calibration
 
 # -- the files that a configuration depends on: what is in them counts as much as its own keys -----
 
-WRITTEN = ("record", "state.path", "evidence.folder")
+WRITTEN = ("record.file", "record.folder", "state.path", "evidence.folder")
 """Keys of files that the node writes: their content changes all the time."""
 SECRET = "key_file"
 """A short secret can be guessed from its hash, so reports do not include the content of a key."""

@@ -1,6 +1,7 @@
 """The recordings to explain: one file, or all files of one cell, in order."""
 
 import os
+from bisect import bisect_right
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,12 +53,12 @@ class Recordings:
         if len(cells) > 1:
             raise RecordingError(
                 f"recording {named[0]}: the files belong to several cells ({', '.join(cells)}); "
-                f"name the files of one cell"
+                f"name one file, or a folder with the files of one cell"
             )
         if len({file.info.has_utc for file in found}) > 1:
             raise RecordingError(
-                f"recording {named[0]}: some files have UTC and others do not; name the files one "
-                f"by one"
+                f"recording {named[0]}: some files have UTC and others do not; name one file, or a "
+                f"folder with files of one kind"
             )
 
     def _opened(self, path: Path, named: Sequence[Path]) -> RecordedFile | None:
@@ -88,8 +89,8 @@ class Recordings:
 
     def info_at(self, utc_ns: int) -> RecordingInfo:
         """Return the properties of the file that was being written at that time."""
-        begun = [file for file in self.files if file.start_ns <= utc_ns]
-        return (begun or self.files[:1])[-1].info
+        begun = bisect_right(self.files, utc_ns, key=lambda file: file.start_ns)
+        return self.files[max(begun - 1, 0)].info
 
     def end_ns(self) -> int:
         """Time of the last message; reads the last file."""

@@ -80,8 +80,11 @@ class Remembers(Protocol):
         growth is not a change.
         """
 
-    def recall(self, data: Mapping[str, Any]) -> None:
-        """Restore the data of ``remember`` from an earlier run; every ``ago_s`` is relative to now.
+    def recall(self, data: Mapping[str, Any], since_s: Callable[[], float]) -> None:
+        """Restore the data of ``remember`` from an earlier run.
+
+        Every ``ago_s`` is relative to this call; ``since_s`` returns the seconds since then, which
+        the rest of the start may take.
 
         Raises:
             KeyError, TypeError, ValueError: ``data`` does not have the form of ``remember``.
@@ -100,6 +103,8 @@ class Memory(Listener):
         parts: name -> part.
         cell: identity of this cell; data of another cell are not trusted.
         wall_s: the wall clock, seconds since the epoch.
+        monotonic_s: a monotonic clock, seconds; used if ``threaded``, because in virtual time a
+            start takes no time.
         threaded: write in a thread; without it, each write blocks its caller.
 
     Attributes:
@@ -116,6 +121,7 @@ class Memory(Listener):
         *,
         cell: str = "",
         wall_s: Callable[[], float] = time.time,
+        monotonic_s: Callable[[], float] = time.monotonic,
         threaded: bool = True,
     ) -> None:
         self.path = base_dir / settings.path
@@ -126,7 +132,7 @@ class Memory(Listener):
         self._mark = Mark.new()
         self._max_age_s = settings.max_age_s
         self._parts = parts
-        self._wall_s = wall_s
+        self._wall_s, self._monotonic_s = wall_s, monotonic_s
         self._threaded = threaded
         self._lock: int | None = None
         self._kept: Any = None  # the data last handed over, without the ``ago_s``
@@ -244,8 +250,11 @@ class Memory(Listener):
         if not math.isfinite(age_s):
             raise ValueError("the time of writing is not a number")
         parts = _aged(data["parts"], age_s if age_s >= 0 else LONG_AGO_S)
+        began_s = self._monotonic_s()
         for name, part in self._parts.items():
-            part.recall(parts[name])
+            part.recall(
+                parts[name], lambda: self._monotonic_s() - began_s if self._threaded else 0.0
+            )
         if age_s < 0:
             self._distrust(f"the state file {self.path} is from the future: check the clock")
         elif age_s > self._max_age_s:

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -299,7 +299,7 @@ class RiskEngine:
         """Return the state to be kept over a restart of the node: the latches."""
         return self._levels.remember()
 
-    def recall(self, data: Mapping[str, Any]) -> None:
+    def recall(self, data: Mapping[str, Any], _since_s: Callable[[], float]) -> None:
         """Restore the result of ``remember`` from an earlier run; see ``Levels.recall``."""
         self._levels.recall(data)
 

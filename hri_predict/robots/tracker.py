@@ -210,11 +210,14 @@ class RobotTracker:
         (the link's delay plus at most ``stale_s`` since receipt), within their limits.
         ``uncertainty_m`` bounds the effect of a change of speed since then.
 
-        A robot configured as at rest or on a trajectory is unknown if a RobotState disagrees.
+        A robot configured as at rest or on a trajectory is unknown if a RobotState disagrees or
+        cannot be trusted.
         """
         motion = self.settings.motion
         if isinstance(motion, StateMotion):
             return self._by_state(motion, now_ns)
+        if wrong := self._wrong(now_ns):
+            return _nowhere(wrong)
         now = self._by_plan(motion, now_ns)
         states = [line.place(now_ns, self._reported) for line in self._fresh(now_ns)]
         assert now.q is not None  # a plan always says where it is

@@ -10,14 +10,15 @@ import logging
 import queue
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Self
+from typing import Any, Self
 
 from hri_predict.base.errors import LinkError, LinkErrors, failure
 from hri_predict.base.machine.compiled import why_not_kept
 from hri_predict.contracts.link import Link
+from hri_predict.contracts.source import SourceSettings
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Memory, StateSettings
 from hri_predict.node.node import Node
@@ -233,6 +234,13 @@ def cell_of(config: Config) -> str:
         (robot.name, robot.model_dump(mode="json", include={"model", "room_from_robot"}))
         for robot in node.robots
     ]
-    source = config.source.model_dump(mode="json", include={"kind", "room_from_source"})
+    source = _posed(config.source)
     told = [str(config.path.absolute()), source, robots]
+    parts: Mapping[str, SourceSettings] = getattr(config.source, "parts", {})
+    if parts:  # the sensors of a merged source
+        told.append({name: _posed(part) for name, part in parts.items()})
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _posed(source: SourceSettings) -> dict[str, Any]:
+    return source.model_dump(mode="json", include={"kind", "room_from_source"})

@@ -319,13 +319,16 @@ def _moving_by_arrays(
     trunk = np.where(of_trunk, every_speed, np.nan)
     trunk[unknown] = 0.0
     walks = ~(rule.trunk & (surely > rule.assumed)).any(1)
-    swing = GAIT * known_median(trunk) * walks if len(trunk) else np.zeros(0)
+    middle = known_median(trunk) if len(trunk) else np.zeros(0)
+    swing = GAIT * middle * walks
     limit = np.where(rule.leg, np.maximum(rule.assumed, swing[:, None]), rule.assumed)
     over: Bools = (surely > limit) & ~unknown[:, None]
     speed = np.where(over, every_speed, 0.0)
     counts = np.where(over, speed + MARGIN_M_S, 0.0)
     counts[unknown] = rule.unknown_m_s
     present = np.maximum(every_speed, rule.growth_m_s)
+    # a hidden joint goes along with the body
+    present = np.where(shown, present, np.maximum(present, middle[:, None]))
     moves = np.where(measured, every_speed, np.inf)
     # an inferred hand follows its forearm, a true one may turn about its wrist
     moves = np.where(measured & ~shown & rule.ends, rule.physical, moves)
@@ -360,15 +363,19 @@ def _moving_by_loops(
                     trunk[known] = speed[p, j]
                     known += 1
         unknown[p] = known == 0
-        swing = 0.0
-        if known and walks:
+        swing, middle = 0.0, 0.0
+        if known:
             rising = np.sort(trunk[:known])
-            swing = GAIT * ((rising[(known - 1) // 2] + rising[known // 2]) / 2)
+            middle = (rising[(known - 1) // 2] + rising[known // 2]) / 2
+        if walks:
+            swing = GAIT * middle
         for j in range(count):
             limit = max(rule.assumed[j], swing) if rule.leg[j] else rule.assumed[j]
             over = shown[p, j] and surely[p, j] > limit and not unknown[p]
             counts[j] = speed[p, j] + MARGIN_M_S if over else 0.0
             growth[p, j] = max(speed[p, j], rule.growth_m_s)
+            if not shown[p, j]:  # a hidden joint goes along with the body
+                growth[p, j] = max(growth[p, j], middle)
             if unknown[p]:
                 counts[j], growth[p, j] = rule.unknown_m_s, rule.physical[j]
             if over:

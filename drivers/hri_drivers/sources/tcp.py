@@ -20,6 +20,9 @@ from hri_predict.contracts.source import SourceCounters
 
 CHUNK = 65_536
 CONNECT_TIMEOUT_S = 2.0
+IDLE_S, PROBE_S, PROBES = 5, 2, 3
+"""A silent peer is probed after ``IDLE_S``, then every ``PROBE_S``; after so many probes without an
+answer the connection is lost."""
 SILENT_S = 2.0
 """A connection without a complete unit for this long can be replaced by a new one. Single bytes or
 pings do not prevent that."""
@@ -152,6 +155,16 @@ class StreamServer:
         connection.close()
 
 
+def keep_alive(connection: socket.socket) -> None:
+    """Let the system probe an idle peer: one that lost its power or its cable sends no end, and
+    would be waited for without limit.
+    """
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, IDLE_S)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, PROBE_S)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, PROBES)
+
+
 class StreamClient:
     """Connects to a server that sends; see ``hri_drivers.sources.live.Receiver``."""
 
@@ -170,6 +183,7 @@ class StreamClient:
         self.close()
         try:
             self._connection = socket.create_connection(self._address, CONNECT_TIMEOUT_S)
+            keep_alive(self._connection)
         except OSError as error:
             raise connect_error(self._address, error) from error
         self._splitter = self._make_splitter()

@@ -18,6 +18,7 @@ from hri_predict.cli.common import (
     processes,
     without_effect,
 )
+from hri_predict.lab.datasets.disturbances import DISTURBED_S
 from hri_predict.lab.datasets.splits import USES
 
 
@@ -138,6 +139,10 @@ def calibrate(
         without_effect({flag: given[flag] for flag in flags}, where)
 
     made = out or Path(f"{predictor}.calibration.json")
+    if disturb and horizon < DISTURBED_S:
+        raise ConfigError(
+            f"--horizon {horizon:g}: --disturb measures at {DISTURBED_S:g} s; give that or more"
+        )
     if check or leave_out:
         other = "with --check" if check else "with --leave-out"
         refuse(other, "--onto", "--report", "--noise")

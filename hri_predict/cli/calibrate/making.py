@@ -78,11 +78,20 @@ def make(
 def check_out(out: Path) -> None:
     """Before the work starts, reject a file that cannot or should not be written."""
     check_writable(out.parent)
-    if out.is_dir() or (out.exists() and out.suffix != ".json"):
+    if out.exists() and not _is_calibration(out):
         raise ConfigError(
             f"--out {out}: exists and is not a calibration, so it is not replaced; name a .json "
             f"file"
         )
+
+
+def _is_calibration(path: Path) -> bool:
+    """Whether a file holds a calibration, perhaps one of another version."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return isinstance(data, dict) and {"version", "predictor"} <= data.keys()
 
 
 def write_calibration(out: Path, made: "Calibration") -> None:

@@ -88,7 +88,9 @@ def check(
         if not machine.show(machine.look(loaded), as_json):
             raise typer.Exit(1)
         return
+    without_effect({"--joint": joint if touched is None else None}, "without --touched")
     if touched is not None:
+        without_effect({"--listen": listen}, "with --touched")
         if not sensor.show_touch(sensor.measure_touch(loaded, touched, joint), as_json):
             raise typer.Exit(1)
         return

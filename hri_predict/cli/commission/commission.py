@@ -162,7 +162,7 @@ def _closing(task: Task, state: State) -> State:
         typed = []
         while line := ask("An open note (empty: none):"):
             typed.append(line)
-        notes = [*state.notes, *typed]
+        notes = [*dict.fromkeys((*state.notes, *(notes or ()), *typed))]
     changes: dict[str, Any] = {}
     if notes is not None:
         changes["notes"] = notes

@@ -16,7 +16,7 @@ from hri_predict.base.geometry import norm, transform
 from hri_predict.base.settings import Pose
 from hri_predict.cli.commission.answers import Answers, RegistrationAnswers, ask_points
 from hri_predict.cli.register.points import say
-from hri_predict.cli.register.register import Wizard, refuse_fallen
+from hri_predict.cli.register.register import Wizard, refuse_fallen, refuse_misfit
 from hri_predict.cli.register.sight import (
     Sensor,
     SightedPoint,
@@ -328,9 +328,11 @@ def _compared(
     best = solve(transform(source_from_room, seen), points)
     if write:
         correction = best.matrix @ source_from_room
+        refuse_misfit(config, best)
         refuse_fallen(config, sights, correction)
         pose = (best.xyz, best.quaternion_xyzw)
-        write_pose(config.path, pose)
+        backup = write_pose(config.path, pose)
+        say(f"the new pose is in {config.path}; the old file is {backup.name}")
         written = Pose(xyz=pose[0], quaternion_xyzw=pose[1])
         seen = transform(written.matrix() @ source_from_room, seen)
         config = replace(configuration.load(config.path), mute=config.mute)

@@ -223,6 +223,8 @@ def ask_links(asker: Asker, links: list[str], changes: list[str]) -> list[dict[s
             return None
         return link_block(text, [link["name"] for link in found])
 
+    if NONE in links and len(links) > 1:
+        raise ConfigError(f"--link {NONE}: has no effect with other links; leave it out")
     if asker.asks and not links:
         say("Links: can:INTERFACE:CHANNEL (can:socketcan:can0), serial:PORT, or a kind.")
     flags = iter(links)

@@ -15,6 +15,7 @@ import typer
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.geometry import transform
+from hri_predict.cli.common import without_effect
 from hri_predict.cli.register.points import Tool, ask, point_from, say, tool_of
 from hri_predict.cli.register.sight import (
     FEET,
@@ -89,6 +90,8 @@ def register(
         )
     if walk and (robot is not None or joint is not None):
         raise ConfigError("--walk: uses the feet and no robot; leave --robot and --joint out")
+    if robot is None:
+        without_effect({"--tool": tool}, "without --robot")
     if robot is not None and point:
         raise ConfigError("--robot: provides the points itself; leave --point out")
     if every is not None and not point:
@@ -210,7 +213,6 @@ def _solved(config: Config, wizard: Wizard) -> dict[str, Any]:
     )
     seen = transform(source_from_room, np.array([place.middle for place in wizard.places]))
     result = solve(seen, np.array(wizard.points))
-    allowed_m = config.node.risk.person_uncertainty_m
     rows = [
         {"point": [round(float(v), 4) for v in point], "spread_m": round(place.spread_m, 4),
          "residual_m": round(float(residual), 4)}
@@ -218,14 +220,7 @@ def _solved(config: Config, wizard: Wizard) -> dict[str, Any]:
             wizard.points, wizard.places, result.residuals_m, strict=True
         )
     ]  # fmt: skip
-    worst = int(result.residuals_m.argmax())
-    if result.residuals_m[worst] > allowed_m:
-        each = ", ".join(f"{1e3 * v:.0f}" for v in result.residuals_m)
-        raise ConfigError(
-            f"the points do not fit each other: residuals {each} mm, allowed {allowed_m * 1e3:.0f} "
-            f"(risk.person_uncertainty_m); {_scale_text(result)}measure and touch point "
-            f"{worst + 1} first again"
-        )
+    refuse_misfit(config, result)
     refuse_fallen(config, wizard.sights, result.matrix @ source_from_room)
     return {
         "joint": wizard.joint,
@@ -235,6 +230,22 @@ def _solved(config: Config, wizard: Wizard) -> dict[str, Any]:
         "quaternion_xyzw": result.quaternion_xyzw,
         "path": str(config.path),
     }
+
+
+def refuse_misfit(config: Config, result: Registration) -> None:
+    """Reject a pose that does not fit the points within ``risk.person_uncertainty_m``.
+
+    Raises:
+        ConfigError: the points do not fit each other.
+    """
+    allowed_m, worst = config.node.risk.person_uncertainty_m, int(result.residuals_m.argmax())
+    if result.residuals_m[worst] > allowed_m:
+        each = ", ".join(f"{1e3 * v:.0f}" for v in result.residuals_m)
+        raise ConfigError(
+            f"the points do not fit each other: residuals {each} mm, allowed {allowed_m * 1e3:.0f} "
+            f"(risk.person_uncertainty_m); {_scale_text(result)}measure and touch point "
+            f"{worst + 1} first again"
+        )
 
 
 def refuse_fallen(config: Config, seen: Sequence[Sights], correction: Floats) -> None:

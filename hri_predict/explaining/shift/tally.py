@@ -179,7 +179,7 @@ class Tally:
         self.conditions: dict[str, float] = {}
         self.counters: Counter[tuple[str, str, bool]] = Counter()
         self.clock_sets = 0
-        self.dropped = 0
+        self.dropped = self._dropped = 0
         self._node: Told | None = None
         self._status: Told | None = None
         self._first_ns: int | None = None
@@ -206,7 +206,9 @@ class Tally:
             self._counted(told)
         elif told.topic == "/clock":
             self.clock_sets += abs(number(told.data.get("utc_moved_s")) or 0.0) > 1.0
-            self.dropped = max(self.dropped, int(number(told.data.get("dropped")) or 0))
+            dropped = int(number(told.data.get("dropped")) or 0)
+            before, self._dropped = self._dropped, dropped
+            self.dropped += dropped - before if dropped >= before else dropped  # node restarted
 
     def _conditions(self, told: Told) -> None:
         last, self._status = self._status, told
@@ -284,10 +286,15 @@ class Tally:
 def tally(recordings: Recordings, start_ns: int | None, end_ns: int | None) -> dict[str, Any]:
     """Count a shift."""
     found = Tally()
-    info = recordings.info
     for told in recordings.read(TOPICS, start_ns=start_ns, end_ns=end_ns):
-        found.add(told, info)
-    found.finish(info)
+        found.add(told, recordings.info_at(told.utc_ns))
+    found.finish(recordings.files[-1].info)
+    speeds = [full_speeds(file.info) for file in recordings.files]
+    if any(each != speeds[0] for each in speeds):
+        recordings.notes.append(
+            "max_speed_m_s was changed between the files: lost time and shares of the full speed "
+            "are relative to that of the first; report the files separately for exact ones"
+        )
     return found.result(recordings)
 
 

@@ -16,7 +16,7 @@ from hri_predict.base.skeleton import CANONICAL
 from hri_predict.lab.calibration.coverage import Calibrated, as_run, run_zones
 from hri_predict.lab.calibration.presence import Presence
 from hri_predict.lab.calibration.scores import Scores, score_presence
-from hri_predict.lab.datasets.disturbances import Disturbance, standard
+from hri_predict.lab.datasets.disturbances import DISTURBED_S, Disturbance, standard
 from hri_predict.lab.evaluation.table import Table, percent
 from hri_predict.zones.settings import CoverageSettings
 
@@ -74,7 +74,7 @@ def _one(calibrated: Calibrated, entry: Scores, disturbance: Disturbance) -> Dis
     if disturbance.kind == "noise":  # the body itself does not shake
         scored = replace(scored, truth=truth)
     settings = CoverageSettings(of="body")
-    step = round(0.4 * predictor.rate_hz) - 1
+    step = round(DISTURBED_S * predictor.rate_hz) - 1
     shares = []
     for check in (False, True):
         own = settings.model_copy(update={"self_check": check})

@@ -54,8 +54,9 @@ class ZoneJudgement:
         return len(next(iter(self.coverage.values())).names)
 
     def horizons(self) -> list[int]:
-        """Those of ``HORIZONS_MS`` that were calibrated."""
-        return [ms for ms in HORIZONS_MS if self.at(ms) < self.calibration.steps]
+        """Those of ``HORIZONS_MS`` that were calibrated and forecast."""
+        forecast = len(next(iter(self.coverage.values())).share("body"))
+        return [ms for ms in HORIZONS_MS if self.at(ms) < min(self.calibration.steps, forecast)]
 
 
 def judge_zones(

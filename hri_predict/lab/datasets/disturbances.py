@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from hri_predict.base.arrays import Bools, Floats
 
+DISTURBED_S = 0.4
+"""Horizon at which the zones of disturbed recordings are judged."""
 Kind = Literal["plain", "noise", "scale", "shift"]
 
 

@@ -193,13 +193,15 @@ class Evidence(Items):
     def _begins(self, event: Event) -> None:
         with self._lock:
             there = self._open
+            if there is not None and event.now_ns + self._after_ns > there.began_ns + LONGEST_NS:
+                self._hand(there)  # its seconds afterwards would not all be kept
+                there = self._open = None
             if there is not None:
                 if len(there.also) < MOST_ALSO:
                     there.also.append(self._described(event, self._wall()))
                 else:
                     there.more += 1
-                latest_ns = there.began_ns + LONGEST_NS
-                there.end_ns = min(event.now_ns + self._after_ns, latest_ns)
+                there.end_ns = event.now_ns + self._after_ns
                 return
             before = list(self._ring)
             held_s = (event.now_ns - before[0].log_ns) * 1e-9 if before else 0.0

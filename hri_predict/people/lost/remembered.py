@@ -2,7 +2,7 @@
 
 import threading
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ class RemembersLost:
     _unplaced: Unplaced
     _now_ns: int
     _recalled: list[dict[str, Any]]  # lost people of an earlier run, not yet taken
+    _since_s: Callable[[], float] = float  # since they were recalled
     _has_recalled: bool
 
     def remember(self) -> dict[str, Any]:
@@ -35,8 +36,10 @@ class RemembersLost:
             data = {"lost": lost, "forgotten": forgotten}
             return data | ({"distrusted": True} if self._lost.distrusted else {})
 
-    def recall(self, data: Mapping[str, Any]) -> None:
+    def recall(self, data: Mapping[str, Any], since_s: Callable[[], float] = float) -> None:
         """Restore the lost people of an earlier run; they appear in the next snapshot.
+
+        ``since_s`` returns the seconds since this call, by which they are older then.
 
         Raises:
             KeyError, TypeError, ValueError: the data do not match the output of ``remember``.
@@ -44,7 +47,7 @@ class RemembersLost:
         recalled = list(data["lost"])
         lost_from_data(recalled, 0)  # refuses wrong data
         with self._lock:
-            self._recalled = recalled
+            self._recalled, self._since_s = recalled, since_s
             self._lost.forgotten |= bool(data["forgotten"])
             self._lost.distrusted |= bool(data.get("distrusted"))
             self._has_recalled = True
@@ -66,7 +69,9 @@ class RemembersLost:
 
     def _take_recalled(self, now_ns: int) -> None:
         recalled, self._recalled = self._recalled, []
-        for lost in lost_from_data(recalled, now_ns):
+        if not recalled:
+            return
+        for lost in lost_from_data(recalled, now_ns - round(self._since_s() * 1e9)):
             self._lost.keep(lost)
 
 

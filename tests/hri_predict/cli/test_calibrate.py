@@ -166,6 +166,16 @@ def test_a_recording_is_not_replaced_by_its_calibration(cli, folder):
     assert (folder / "walking_0.npz").read_bytes() == before
 
 
+@pytest.mark.parametrize("text", ["", "[]", '{"version": 3}', '{"predictor": "sinn"}'])
+def test_another_json_is_not_replaced_by_a_calibration(cli, folder, tmp_path, text):
+    other = tmp_path / "state.json"
+    other.write_text(text)
+    status, _, err = cli(*CV, "--data", folder, "--out", other)
+    assert status == 2
+    assert ": exists and is not a calibration, so it is not replaced" in err
+    assert other.read_text() == text
+
+
 def test_a_copy_is_no_second_recording(cli, folder, tmp_path):
     (tmp_path / "copy_1.npz").write_bytes((folder / "walking_0.npz").read_bytes())
     status, _, err = cli(*CV, "--data", folder, "--data", tmp_path / "copy_1.npz")

@@ -56,6 +56,13 @@ def test_lines_that_were_cut_off_are_seen_by_the_noted_hash(folder, asked):
     assert "cut off at the end" in said
 
 
+@pytest.mark.parametrize("short", ["", "a", "1234567"])
+def test_a_hash_that_any_line_may_have_proves_nothing(folder, asked, short):
+    status, said = asked(folder, "--newest", short)
+    assert status == 2
+    assert "too short to identify a line" in said
+
+
 def test_another_folder_is_one_line(tmp_path, asked):
     status, said = asked(tmp_path)
     assert status == 2

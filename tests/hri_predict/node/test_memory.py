@@ -28,7 +28,7 @@ class Part:
     def remember(self):
         return self.data
 
-    def recall(self, data):
+    def recall(self, data, since_s):
         self.recalled = dict(data)
         self.recalled["latch"] = int(data["latch"])
 

@@ -94,6 +94,7 @@ class Ros2Decoder:
         self._store = typestore("jazzy")
         self._publishers = [Publishers() for _ in topics]
         self._parts: dict[int, Bodies] = {}  # messages of one capture, by topic
+        self._contradicted: set[int] = set()  # topics with two publishers since the last capture
         self._waiting: deque[_Waiting] = deque()
         self._sequence = 0
         self.captures = Captures(counters, by_arrival=by_arrival, utc_ns=utc_ns, boot_ns=boot_ns)
@@ -157,7 +158,7 @@ class Ros2Decoder:
         return _Waiting(
             topic=heard.topic,
             bodies=bodies,
-            sequence=self._sequence,
+            sequence=self._sequence // len(self._topics),  # of the capture
             contradicted=contradicted,
             received_ns=received_ns,
         )
@@ -170,17 +171,19 @@ class Ros2Decoder:
             MessageError: it cannot be used.
         """
         waits = now_ns - waiting.received_ns < WAIT_NS and len(self._waiting) <= MAX_WAITING
-        capture = self._completed(waiting.topic, self._reader.place(waiting.bodies, waits=waits))
-        if capture is None:
+        placed = self._reader.place(waiting.bodies, waits=waits)
+        found = self._completed(waiting.topic, placed, waiting.contradicted)
+        if found is None:
             return None
+        capture, contradicted = found
         stamp_ns = self.captures.place(capture.stamp_ns, waiting.received_ns)
         if stamp_ns is None:
             return None
-        topic = self._topics[waiting.topic]
-        if waiting.contradicted:
-            self._counters.note(f"{topic}: two publishers; stop one of them")
+        if contradicted:
+            topics = ", ".join(self._topics[each] for each in contradicted)
+            self._counters.note(f"{topics}: two publishers; stop one of them")
             capture = Bodies(stamp_ns=stamp_ns, frame="", people=())
-        sees_room = not waiting.contradicted and (self._sees_room or bool(capture.people))
+        sees_room = not contradicted and (self._sees_room or bool(capture.people))
         return SentScene(
             stamp_ns=stamp_ns,
             sequence=waiting.sequence,
@@ -197,21 +200,29 @@ class Ros2Decoder:
         except Exception as error:  # rosbags raises many kinds on damaged bytes
             raise MessageError(f"not a {kind}: damaged, or of another release of ROS") from error
 
-    def _completed(self, topic: int, bodies: Bodies) -> Bodies | None:
-        """All people of one capture, once a message of every topic has arrived."""
+    def _completed(
+        self, topic: int, bodies: Bodies, contradicted: bool
+    ) -> tuple[Bodies, list[int]] | None:
+        """All people of one capture, once a message of every topic has arrived, and the topics on
+        which two publishers sent parts of it.
+        """
         if len(self._topics) == 1:
-            return bodies
+            return bodies, [topic] if contradicted else []
         if len(bodies.people) > 1:
             raise MessageError("more than one person; with several 'topics', each must have one")
         if any(part.stamp_ns != bodies.stamp_ns for part in self._parts.values()):
             self._counters.incomplete += 1
             self._parts = {}
+        if contradicted:  # until a whole capture has been refused for it
+            self._contradicted.add(topic)
         self._parts[topic] = bodies
         if len(self._parts) < len(self._topics):
             return None
         parts, self._parts = self._parts, {}
+        contradicted_on, self._contradicted = sorted(self._contradicted), set()
         people = [Body(k + 1, p.positions) for k in sorted(parts) for p in parts[k].people]
-        return Bodies(stamp_ns=bodies.stamp_ns, frame=bodies.frame, people=tuple(people))
+        capture = Bodies(stamp_ns=bodies.stamp_ns, frame=bodies.frame, people=tuple(people))
+        return capture, contradicted_on
 
 
 def _sent(body: Body) -> SentPerson:

@@ -217,6 +217,30 @@ def test_several_topics_are_one_scene_once_all_said_who_they_see():
     assert cell.counters.incomplete == 1
 
 
+@pytest.mark.parametrize("doubled", [0, 1])
+@pytest.mark.parametrize("order", [(0, 0, 1), (1, 0, 0), (0, 1, 0)])
+def test_two_publishers_on_one_of_several_topics_are_not_believed(doubled, order):
+    """Whichever message completes the scene."""
+    cell, gids = Cell(topics=("/a", "/b")), iter((GID, OTHER))
+    found = []
+    for each in order:
+        topic = doubled if each == 0 else 1 - doubled
+        found += cell.poses(UTC, topic=topic, gid=next(gids) if topic == doubled else GID)
+    found += cell.poses(UTC + 33 * MS, topic=0, gid=OTHER if doubled == 0 else GID)
+    found += cell.poses(UTC + 33 * MS, topic=1, gid=OTHER if doubled == 1 else GID)
+    assert found
+    assert not any(scene.sees_room or scene.people for scene in found[-1:])
+
+
+def test_several_topics_are_one_sequence():
+    cell = Cell(topics=("/a", "/b"))
+    numbers = []
+    for k in range(5):
+        for topic in (0, 1):
+            numbers += [s.sequence for s in cell.poses(UTC + k * 33 * MS, topic=topic)]
+    assert np.diff(numbers).tolist() == [1, 1, 1, 1]
+
+
 def test_two_people_on_one_of_several_topics_are_refused():
     cell = Cell(topics=("/a", "/b"))
     assert cell.poses(UTC, np.concatenate([BODY, BODY]), topic=1) == []

@@ -98,6 +98,17 @@ def test_an_event_that_never_ends_is_cut(tmp_path):
     assert run.close()["kept"] >= 2
 
 
+def test_a_stop_at_the_end_of_a_long_event_has_its_seconds_afterwards(tmp_path):
+    """Near misses all the time keep a file open for a minute."""
+    run = Run(tmp_path, of=["stop", "near_miss"], after_s=3.0)
+    for _ in range(29):
+        run.go(0.1, near=(0,)).go(1.9)
+    run.go(0.4, STOP).go(5.0).close()
+    entries = events(tmp_path)
+    last = open_recording(tmp_path / "kept" / entries[-1]["file"])
+    assert last.scenes[-1].stamp_ns >= (run.now_ms - 5000.0 + 2500.0) * MS
+
+
 def test_near_misses_are_counted_by_body_part_and_link(tmp_path):
     report = Run(tmp_path, of=["stop"]).go(1.0, near=(0,)).go(2.0).go(0.1, near=(0,)).close()
     assert report["near_misses"] == [

@@ -170,6 +170,19 @@ def test_a_robot_that_is_said_to_stand_and_moves_is_unknown() -> None:
     assert [pair.tick() for _ in range(20)][-1].reasons == (CONTRADICT,)
 
 
+@pytest.mark.parametrize(
+    "motion", [FILE, {"kind": "standing", "positions": PATH.at(1.2)[0].tolist()}]
+)
+def test_a_robot_whose_states_are_refused_is_not_where_its_file_says(motion: Any) -> None:
+    """Its controller says something impossible, so nobody knows where it is."""
+    pair = Pair(motion, rate=0.0 if motion is not FILE else 1.0)
+    pair.tracker.at(pair.start_ns)
+    assert pair.tick().reasons == ()
+    fast = pair.tick(lambda q, qd: (q, qd + 50.0))
+    assert fast.reasons == (Reason.ROBOT_STATE_INVALID,)
+    assert fast.q is None
+
+
 def test_a_trajectory_without_any_state_is_believed() -> None:
     tracker = Pair(FILE).tracker
     assert tracker.at(10**9).reasons == ()
