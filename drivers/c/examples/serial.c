@@ -19,6 +19,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -117,6 +118,18 @@ static void attend(acknowledgement *ack, uint16_t latch_id, uint32_t now)
     }
 }
 
+/* Write a frame; after the start and after a frame that was cut, first end whatever the node has in
+ * its buffer. Bytes that do not fit are lost: the next state is newer. */
+static void put(int port, const hri_unit *unit)
+{
+    static const uint8_t end[1] = {0u};
+    static bool cut = true;
+    if (cut && write(port, end, sizeof end) != (ssize_t)sizeof end) {
+        return;
+    }
+    cut = write(port, unit->data, unit->length) != (ssize_t)unit->length;
+}
+
 int main(int argc, char **argv)
 {
     static hri_receiver receiver; /* the only memory that the library needs */
@@ -168,11 +181,10 @@ int main(int argc, char **argv)
             hri_unit units[HRI_PARTS_STATE];
             state_due = now + STATE_PERIOD_MS;
             hri_send_robot_state(&receiver, &state, now, units);
-            /* bytes that do not fit are lost: the next state is newer */
-            count = write(port, units[0].data, units[0].length);
+            put(port, &units[0]);
             if (ack.left > 0u && hri_acknowledge(&receiver, ack.latch_id, ack.ack_id, units) > 0u) {
                 ack.left--;
-                count = write(port, units[0].data, units[0].length);
+                put(port, &units[0]);
             }
         }
         speed = hri_permitted_speed(&receiver, now);

@@ -21,7 +21,7 @@ from hri_predict.contracts.source import SourceCounters
 CHUNK = 65_536
 CONNECT_TIMEOUT_S = 2.0
 IDLE_S, PROBE_S, PROBES = 5, 2, 3
-"""A silent peer is probed after ``IDLE_S``, then every ``PROBE_S``; after so many probes without an
+"""A silent peer is probed after ``IDLE_S``, then every ``PROBE_S``; after ``PROBES`` without an
 answer the connection is lost."""
 SILENT_S = 2.0
 """A connection without a complete unit for this long can be replaced by a new one. Single bytes or

@@ -278,6 +278,19 @@ def test_it_reports_that_the_button_was_released(board: Board) -> None:
     assert len({ack.ack_id for ack in acks}) == 1
 
 
+@pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if not kind.stm32])
+def test_a_contact_that_bounces_is_one_press(name: str, programs: Callable[[str], Path]) -> None:
+    board = Board(programs(name), KINDS[name]).begin()
+    for edges in (("press 77", "up", "press 77"), ("up", "press 78", "up")):
+        for edge in edges:
+            board.tell(edge)
+            board.cycle(3)
+        board.cycle(120)
+    acks = [m for m in board.heard if isinstance(m, Acknowledge)]
+    assert [ack.latch_id for ack in acks] == [9, 9, 9, 0, 0, 0]
+    assert len({ack.ack_id for ack in acks}) == 1
+
+
 @pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if kind.stm32])
 def test_a_blocked_line_costs_old_states_and_is_counted(
     name: str, programs: Callable[[str], Path]

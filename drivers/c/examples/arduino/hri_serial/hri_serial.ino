@@ -11,10 +11,11 @@ const int RELAY = 7;
 const int BUTTON = 8;
 const int NOISE = A0; /* an open pin: a start value that differs from start to start */
 const uint32_t STATE_PERIOD_MS = 20;
+const uint32_t BOUNCE_MS = 30; /* after a change, the contact may bounce for this time */
 
 hri_receiver receiver;
 hri_robot_state robot; /* fill it with what your robot measures */
-uint32_t state_ms, press_id;
+uint32_t state_ms, button_ms, press_id;
 uint16_t latch_id;
 uint8_t ack_left;
 bool pressed;
@@ -59,6 +60,13 @@ void loop()
     bool down = digitalRead(BUTTON) == LOW;
     while (Serial1.available() > 0) {
         hri_receive_serial_byte(&receiver, (uint8_t)Serial1.read(), now);
+    }
+    if (down != pressed) {
+        if (now - button_ms < BOUNCE_MS) {
+            down = pressed;
+        } else {
+            button_ms = now;
+        }
     }
     if (down && !pressed) {
         press_id = press_id + 1 != 0 ? press_id + 1 : 1; /* never 0 */

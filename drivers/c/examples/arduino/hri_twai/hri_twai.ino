@@ -13,10 +13,11 @@ const gpio_num_t CAN_RX = GPIO_NUM_4;
 const int RELAY = 25;
 const int BUTTON = 26;
 const uint32_t STATE_PERIOD_MS = 20;
+const uint32_t BOUNCE_MS = 30; /* after a change, the contact may bounce for this time */
 
 hri_receiver receiver;
 hri_robot_state robot; /* fill it with what your robot measures */
-uint32_t state_ms, shown_ms, press_id;
+uint32_t state_ms, shown_ms, button_ms, press_id;
 uint16_t latch_id;
 uint8_t ack_left;
 bool pressed, open_bus;
@@ -96,6 +97,13 @@ void loop()
     uint16_t speed_mm_s;
     bool down = digitalRead(BUTTON) == LOW;
     receive(now);
+    if (down != pressed) {
+        if (now - button_ms < BOUNCE_MS) {
+            down = pressed;
+        } else {
+            button_ms = now;
+        }
+    }
     if (down && !pressed) {
         press_id = press_id + 1 != 0 ? press_id + 1 : 1; /* never 0 */
         latch_id = receiver.message.advice.latch_id;
