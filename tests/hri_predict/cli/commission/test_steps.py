@@ -1,0 +1,49 @@
+"""Steps of ``commission`` that change the configuration."""
+
+import numpy as np
+import pytest
+import yaml
+
+from hri_predict.base.errors import ConfigError
+from hri_predict.cli.commission import steps
+from hri_predict.cli.register.sight import SightedPoint, Sights
+from hri_predict.people.body.standing import standing_body
+from hri_predict.run import config as configuration
+from tests.hri_predict.commissioning.cells import cell_data
+
+POINTS = np.array([[0.5, -1.4, 1.0], [1.5, -1.4, 1.0], [1.5, -2.4, 1.2], [0.5, -2.4, 0.9]])
+BODY = standing_body()
+SIGHTS = Sights(positions=BODY[None], observed=np.ones((1, len(BODY)), bool), scenes=1)
+
+
+@pytest.mark.parametrize(("wrong_m", "writes"), [(0.0, True), (0.3, False)])
+def test_a_pose_that_does_not_fit_the_points_is_not_written(tmp_path, capsys, wrong_m, writes):
+    data = cell_data(risk={"mode": "iso"})
+    data["source"]["room_from_source"] = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
+    path = tmp_path / "cell.yaml"
+    path.write_text(yaml.safe_dump(data, default_flow_style=None))
+    before = path.read_text()
+    seen = POINTS + np.array([0.1, 0.0, 0.0])
+    seen[2, 1] += wrong_m  # one point was typed wrong
+
+    def compare():
+        return steps._compared(
+            configuration.load(path),
+            joint="r_hand",
+            places=[SightedPoint(middle=point, spread_m=0.002, count=50) for point in seen],
+            sights=[SIGHTS for _ in seen],
+            points=POINTS,
+            write=True,
+        )
+
+    if writes:
+        found, _ = compare()
+        assert max(point.error_m for point in found.points) < 1e-3
+        (backup,) = set(tmp_path.iterdir()) - {path}
+        assert backup.read_text() == before
+        assert f"the old file is {backup.name}" in capsys.readouterr().err
+    else:
+        with pytest.raises(ConfigError, match="the points do not fit each other"):
+            compare()
+        assert path.read_text() == before
+        assert list(tmp_path.iterdir()) == [path]
