@@ -140,7 +140,7 @@ class People(RemembersLost):
         frozen = False
         starts: list[Appearing] = []
         seen: dict[int, Body | None] = {}
-        for person in scene.people:
+        for person in self._made_up.known_first(scene.people):
             if person.id in seen:
                 self._refuse_second(person, seen[person.id], capture_ns)
                 continue

@@ -16,6 +16,7 @@ in force until limbs move again.
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -24,6 +25,7 @@ import numpy as np
 from hri_predict.base.arrays import Bools, Floats, Stamps, mean_of, median
 from hri_predict.base.geometry import norm
 from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person
 from hri_predict.people.body.relative import hips_are_origin
 from hri_predict.people.ring_buffer import NEVER
 from hri_predict.people.settings import PeopleSettings
@@ -154,6 +156,13 @@ class MadeUpWatch:
         self._freeze = max(5, round(FREEZE_S / self._period_s) + 1)
         self._stride = max(1, round(FINEST_S / self._period_s))
         self._records: dict[int, _Record] = {}
+
+    def known_first(self, people: Iterable[Person]) -> list[Person]:
+        """Return the people of a scene, known ids first, as they must be judged.
+
+        Otherwise a new id near a body that is in the scene, too, would take over its record.
+        """
+        return sorted(people, key=lambda person: person.id not in self._records)
 
     def judge(self, body: Body, capture_ns: int, hip_centred: bool = False) -> Sign | None:
         """Add one body, and return the sign that it is made up, if any.

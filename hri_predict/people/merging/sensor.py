@@ -185,7 +185,7 @@ class Sensor:
         bodies: dict[Key, Body] = {}
         wrong: set[Reason] = set()
         times: Counter[int] = Counter()
-        for person in scene.people:
+        for person in self._made_up.known_first(scene.people):
             key = (person.id, times[person.id])
             times[person.id] += 1
             body = self._body(person, wrong)

@@ -196,6 +196,21 @@ def test_a_frozen_tracker_is_unknown_and_counted(make_room, noise_m):
     assert snapshot.counters["frozen_bodies"] > 15
 
 
+def test_a_passer_by_with_a_new_id_does_not_wake_a_frozen_body(make_room):
+    """Whatever the order of the scene's people: the frozen body is still in it."""
+    room = make_room(posture_unchecked=None)
+    rng = np.random.default_rng(3)
+    for k in range(160):
+        frozen = walker(min(k / 25, 2.8)) + rng.normal(0, 0.004, (len(JOINTS), 3))
+        people = [Person(7, frozen, ALL)]
+        if k >= 90:  # starts 0.4 m beside it, and walks away
+            beside = np.array([walker(2.8)[0, 0] - 5.0, 0.4, 0.0])
+            passer = walker(2.0 + (k - 90) / 25) + beside
+            people.insert(0, Person(3, passer + rng.normal(0, 0.004, passer.shape), ALL))
+        snapshot = room.see(*people)
+    assert Reason.INPUT_REPEATS in snapshot.reasons
+
+
 def test_hips_of_somebody_who_walks_in_place_elsewhere_are_believed():
     rng = np.random.default_rng(1)
     place = np.array([1.6, -1.2, 0.9])
