@@ -25,7 +25,7 @@ from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import LostPerson
 from hri_predict.people.track import Body, Track
 
-SPEED_SPAN_S = 0.4
+SPEED_SPAN_S, LIMB_SPAN_S = 0.4, 0.2
 """Time over which the last speed is measured: a third of a step, and four captures at 10 Hz."""
 GAIN, GAIN_M_S = 1.25, 0.4
 """Margin on the measured speed of a lost person: a runner gains 4 m/s2 for a moment."""
@@ -101,7 +101,9 @@ class LostPeople:
         """Add a lost person. Beyond ``max_people``, the oldest is dropped and may be anywhere."""
         ever = np.isfinite(track.positions).all(-1)
         age_s = np.where(ever, (track.capture_ns - np.where(ever, track.stamps, 0)) * 1e-9, np.inf)
-        _, limbs_m_s = track.speeds(SPEED_SPAN_S)
+        # over the longer span, a hand that went back and forth has not moved
+        spans = (SPEED_SPAN_S, LIMB_SPAN_S)
+        limbs_m_s = np.maximum(*(track.speeds(span_s)[1] for span_s in spans))
         self.keep(
             Lost(
                 id=track.id,

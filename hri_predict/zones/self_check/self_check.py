@@ -41,6 +41,7 @@ from hri_predict.zones.motion_class import RESIDUAL_S
 from hri_predict.zones.motion_ranges import MotionRanges, is_out_of_range
 from hri_predict.zones.self_check.drift import Drift
 from hri_predict.zones.self_check.past_forecasts import NewestCaptures, PastForecasts
+from hri_predict.zones.self_check.slots import Slots
 from hri_predict.zones.self_check.verdict import Terms, verdict
 from hri_predict.zones.self_check.widening import AdaptiveWidening
 from hri_predict.zones.trust import Trust
@@ -205,8 +206,7 @@ class SelfCheck:
         bands, people = int(self._band[-1]) + 1, constants.max_people
         self._terms = Terms(self._band, bands, of == "body")
         self._past = PastForecasts(people, len(JOINTS), rate_hz, horizon_steps)
-        self._ids: list[int | None] = [None] * people
-        self._present_ns: Stamps = np.full(people, NEVER)  # newest tick with this person
+        self._slots = Slots(people, self._horizon_ns, self._release)
         self._capture_ns: Stamps = np.full(people, NEVER)  # newest capture judged
         self._sign_ns: Stamps = np.full(people, NEVER)  # newest capture with a sign of it
         self._residual: Floats = np.zeros((people, _RESIDUALS))
@@ -234,7 +234,7 @@ class SelfCheck:
             snapshot: people at this tick.
             velocities: velocities of their joints; ``None``: they are measured here.
         """
-        slots = self._slots(snapshot)
+        slots = self._slots.assigned(snapshot)
         known = np.flatnonzero(slots >= 0)
         new = known[self._capture_ns[slots[known]] != snapshot.capture_ns[known]]
         if len(new):
@@ -255,8 +255,7 @@ class SelfCheck:
                 judged. People out of distribution need finite radii as well: only people who are
                 judged can leave this state.
         """
-        slot_of = {number: slot for slot, number in enumerate(self._ids) if number is not None}
-        slots = np.array([slot_of.get(number, -1) for number in snapshot.ids], np.intp)
+        slots = self._slots.known(snapshot)
         fresh = snapshot.fresh  # only the truth judges
         factor = self._widening.factor(slots)[:, self._band]
         # radii of those who are out of distribution are not used
@@ -275,44 +274,12 @@ class SelfCheck:
 
     def report(self) -> dict[str, Any]:
         """Return for the run's summary how often past forecasts held, and the widening applied."""
-        return {**self._tally.report(self._ids), "drift": self.drift.report()}
+        return {**self._tally.report(self._slots.ids), "drift": self.drift.report()}
 
     # -- people come and go -----------------------------------------------------------------------
 
-    def _slots(self, snapshot: PeopleSnapshot) -> Ints:
-        """Return (P,) the slot of each person, -1 where none is free."""
-        here = set(snapshot.ids)
-        for slot, number in enumerate(self._ids):
-            if number is None or number in here:
-                continue
-            if snapshot.now_ns - int(self._present_ns[slot]) > self._horizon_ns:
-                self._release(slot)
-        slots = np.full(len(snapshot.ids), -1, np.intp)
-        for person, number in enumerate(snapshot.ids):
-            slots[person] = slot = self._slot(number, here)
-            if slot >= 0:
-                self._present_ns[slot] = snapshot.now_ns
-        return slots
-
-    def _slot(self, number: int, here: set[int]) -> int:
-        if number in self._ids:
-            return self._ids.index(number)
-        if None in self._ids:
-            slot = self._ids.index(None)
-        else:  # the person who has been away longest gives way
-            gone = [s for s, other in enumerate(self._ids) if other not in here]
-            if not gone:
-                return -1
-            slot = min(gone, key=lambda s: int(self._present_ns[s]))
-            self._release(slot)
-        self._ids[slot] = number
-        return slot
-
-    def _release(self, slot: int) -> None:
-        number = self._ids[slot]
-        if number is not None:
-            self._tally.close(slot, number)
-        self._ids[slot] = None
+    def _release(self, slot: int, number: int) -> None:
+        self._tally.close(slot, number)
         self._past.forget(slot)
         self._capture_ns[slot] = self._sign_ns[slot] = NEVER
         self._widening.forget(slot)

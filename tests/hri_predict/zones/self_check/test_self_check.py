@@ -301,6 +301,20 @@ def test_who_takes_a_place_is_not_judged_by_the_forecasts_of_who_had_it():
     assert check.report()["judged"] == 0
 
 
+@pytest.mark.parametrize(
+    ("apart_m", "absent", "same"),
+    [(0.0, 0, True), (0.1, 2, True), (0.5, 0, False), (0.0, 8, False)],
+)
+def test_a_body_that_gets_a_new_id_keeps_its_widening(apart_m, absent, same):
+    """Its zones would shrink at once, although nothing about it has changed."""
+    check = checker()
+    drive(check, 40, 0.5)
+    assert (check.check(snapshot(40, still())).widen > 1).any()
+    moved = still() + np.array([apart_m, 0.0, 0.0])
+    trust = check.check(snapshot(41 + absent, moved, ids=(2,)))
+    assert bool((trust.widen > 1).any()) is same
+
+
 def test_an_id_that_leaves_twice_is_counted_twice():
     check = checker()
     drive(check, 4, 0.0)  # 3 captures judge 1 + 2 + 3
