@@ -208,10 +208,8 @@ class RobotTracker:
 
         With RobotState, the joints are extrapolated at their reported velocity over the state's age
         (the link's delay plus at most ``stale_s`` since receipt), within their limits.
-        ``uncertainty_m`` bounds the effect of a change of speed since then.
-
-        A robot configured as at rest or on a trajectory is unknown if a RobotState disagrees or
-        cannot be trusted.
+        ``uncertainty_m`` bounds the effect of a change of speed since then. A robot configured as
+        at rest or on a trajectory is unknown if a RobotState is wrong.
         """
         motion = self.settings.motion
         if isinstance(motion, StateMotion):
@@ -223,9 +221,8 @@ class RobotTracker:
         assert now.q is not None  # a plan always says where it is
         assert now.qd is not None
         off_m = self._off_m(RobotPlace(now.q, now.qd), now.speed_m_s, states, now_ns)
-        if off_m is None:
-            return _nowhere((Reason.ROBOT_STATES_CONTRADICT,))
-        return replace(now, uncertainty_m=off_m)
+        contradict = _nowhere((Reason.ROBOT_STATES_CONTRADICT,))
+        return contradict if off_m is None else replace(now, uncertainty_m=off_m)
 
     def _by_plan(self, motion: TrajectoryMotion | StandingMotion, now_ns: int) -> RobotNow:
         if isinstance(motion, StandingMotion):

@@ -54,8 +54,11 @@ def register(
         typer.Option(help="Touch the tool of this robot, whose controller reports its state."),
     ] = None,
     tool: Annotated[
-        str, typer.Option(help="Tip of that tool in the frame of the robot's last link.")
-    ] = "0,0,0",
+        str | None,
+        typer.Option(
+            help="Tip of that tool in the frame of the robot's last link.", show_default="0,0,0"
+        ),
+    ] = None,
     joint: Annotated[
         str | None, typer.Option(help="The joint that touches; default: a hand, else a wrist.")
     ] = None,
@@ -101,7 +104,7 @@ def register(
         raise ConfigError(f"--point: {len(known)} given; give at least {LEAST_POINTS}")
     with contextlib.ExitStack() as stack:
         sensor = stack.enter_context(opened(assemble.build_source(loaded, with_faults=False)))
-        reach = tool_of(loaded, robot, point_from(tool, 3, "--tool")) if robot else None
+        reach = tool_of(loaded, robot, point_from(tool or "0,0,0", 3, "--tool")) if robot else None
         wizard = Wizard(
             sensor=sensor,
             joint=FEET if walk else choose_joint(sensor.source, joint),

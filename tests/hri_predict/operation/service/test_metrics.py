@@ -37,6 +37,7 @@ class Counting:
     assess_failures = listener_failures = acknowledges_refused = 0
     acknowledges = 3
     acknowledges_not_counted: dict[str, int] = {}
+    strange_states = 0
     robot_counters = {"robot_stale": 2}
     name, connected = 'line "1"\\', True
 
