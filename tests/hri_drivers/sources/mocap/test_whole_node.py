@@ -26,7 +26,7 @@ REACHED_S = BEGINS_S + 2.3
 """By now a person 6 m away who runs (at 1.6 m/s) is near enough to count."""
 NOWHERE = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
 STANDS: list[dict[str, Any]] = [{"do": "wait", "seconds": 60}]
-WALKS = [{"do": "wait", "seconds": 1.5}, {"do": "walk", "to": [1.0, 0.3]}, *STANDS]
+WALKS = [{"do": "wait", "seconds": 1.0}, {"do": "walk", "to": [0.7, 0.3]}, *STANDS]
 
 Script = list[dict[str, Any]]
 Units = Callable[["Sender", float, Scene], list[bytes]]
