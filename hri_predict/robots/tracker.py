@@ -221,8 +221,9 @@ class RobotTracker:
         assert now.q is not None  # a plan always says where it is
         assert now.qd is not None
         off_m = self._off_m(RobotPlace(now.q, now.qd), now.speed_m_s, states, now_ns)
-        contradict = _nowhere((Reason.ROBOT_STATES_CONTRADICT,))
-        return contradict if off_m is None else replace(now, uncertainty_m=off_m)
+        if off_m is None:
+            return _nowhere((Reason.ROBOT_STATES_CONTRADICT,))
+        return replace(now, uncertainty_m=off_m)
 
     def _by_plan(self, motion: TrajectoryMotion | StandingMotion, now_ns: int) -> RobotNow:
         if isinstance(motion, StandingMotion):
@@ -339,8 +340,7 @@ class RobotTracker:
 
     def _wrong(self, now_ns: int) -> tuple[Reason, ...]:
         """Return why the newest states cannot be trusted."""
-        stale_s = self._reported.stale_s
-        lines = self._lines.values()
+        stale_s, lines = self._reported.stale_s, self._lines.values()
         return tuple(dict.fromkeys(r for line in lines for r in line.reasons(now_ns, stale_s)))
 
     def _along_plan(self, state: Received, ahead_s: float) -> OnPlan | None:

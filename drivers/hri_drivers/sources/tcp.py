@@ -160,9 +160,10 @@ def keep_alive(connection: socket.socket) -> None:
     would be waited for without limit.
     """
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, IDLE_S)
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, PROBE_S)
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, PROBES)
+    if hasattr(socket, "TCP_KEEPIDLE"):  # else the system's own times, which may be hours
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, IDLE_S)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, PROBE_S)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, PROBES)
 
 
 class StreamClient:
@@ -200,8 +201,12 @@ class StreamClient:
         try:
             self._connection.settimeout(timeout_s)
             data = self._connection.recv(CHUNK)
-        except TimeoutError:
-            return []
+        except TimeoutError as error:
+            if error.errno is None:
+                return []
+            raise SourceError(
+                f"{host}:{port}: the sender no longer answers; check its power and its cable"
+            ) from error
         except OSError as error:
             raise SourceError(f"{host}:{port}: lost ({error}); check the sender") from error
         if not data:

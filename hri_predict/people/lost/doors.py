@@ -161,7 +161,7 @@ def _place_now(track: Track) -> Floats | None:
 
 
 def _watch(passage: Passage, place: Floats | None) -> None:
-    """Withdraw a crossing if the body, now at ``place`` (2,), is no longer behind the exit."""
+    """Withdraw a crossing if the body, at ``place`` (2,), has come back in front of the exit."""
     crossed = passage.crossed
     if crossed is None or place is None:
         return

@@ -245,7 +245,7 @@ def by_circle(
         from_base -= motion.clearance_m - robot.risk.clearance_m
     late_s = max(bodies.age_s - robot.budget.stale_s, 0.0)
     worst_m = robot.needed_m()
-    late_m = robot.needed_m(0.0, late_s) - worst_m
+    late_m = robot.needed_m(0.0, late_s) - worst_m if late_s > 0 else 0.0
     wider_m = [robot.needed_m(float(v), late_s) - worst_m if v > 0 else late_m for v in human_m_s]
     from_base[: len(human_m_s)] -= np.array(wider_m)[:, None]
     person, segment = np.unravel_index(int(from_base.argmin()), from_base.shape)

@@ -160,6 +160,7 @@ def test_silence_stops_it_and_a_long_one_closes_the_schema(controller: Controlle
     assert controller.wait(59).call() == 750
     assert controller.wait(1).call() == 0
     assert controller["Silent"] == 1
+    assert controller["LatchId"] == 0  # the lamp at the button is dark: nobody would hear it
     assert controller["SchemaMatches"] == 1
     assert controller.wait(940).call() == 0
     assert controller.wait(2**32 - 1000).call() == 0  # the tick is where it was
@@ -240,6 +241,19 @@ def test_frames_of_others_and_of_other_robots_are_nothing_to_it(controller: Cont
     controller.call(other)
     assert controller.call() == 750
     assert controller["CrcErrors"] == controller["Malformed"] == 0
+
+
+def test_without_a_window_an_error_stops_it_for_ever(controller: Controller) -> None:
+    """As in C: 0 must not mean that errors are forgotten at once."""
+    controller.block.variables["Rule"].variables["ERROR_WINDOW_MS"] = 0
+    assert controller.hear(OURS, SLOW) == 750
+    frames = controller.node.encode(replace(SLOW, echo=controller.counter))
+    for frame in (*frames, frames[0]):
+        controller.call(frame)
+    for _ in range(100):
+        controller.wait(20).state()
+        assert controller.hear(SLOW) == 0
+    assert controller["TooManyErrors"] == 1
 
 
 @pytest.mark.parametrize("spoil", ["crc", "lost", "repeated", "length", "part"])

@@ -1,0 +1,51 @@
+"""A connection to a sender that is lost without an end."""
+
+import errno
+import socket
+
+import pytest
+
+from hri_drivers.sources.tcp import IDLE_S, StreamClient
+from hri_predict.base.errors import SourceError
+
+
+class Whole:
+    """Each read is a unit."""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        return [data]
+
+
+@pytest.fixture
+def client():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        made = StreamClient(*server.getsockname(), Whole)
+        made.open()
+        yield made
+        made.close()
+
+
+def test_a_silent_sender_is_probed(client):
+    connection = client._connection
+    assert connection.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+    if hasattr(socket, "TCP_KEEPIDLE"):
+        assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == IDLE_S
+
+
+def test_silence_is_no_loss_but_a_sender_that_does_not_answer_is(client):
+    assert client.read(0.01) == []
+
+    class Unanswered:
+        """What the system says once its probes have no answer."""
+
+        def settimeout(self, _): ...
+
+        def recv(self, _):
+            raise TimeoutError(errno.ETIMEDOUT, "Connection timed out")
+
+        def close(self): ...
+
+    client.close()
+    client._connection = Unanswered()
+    with pytest.raises(SourceError, match="no longer answers; check its power and its cable"):
+        client.read(0.01)
