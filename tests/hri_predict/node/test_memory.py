@@ -225,6 +225,26 @@ def test_the_time_in_between_counts(tmp_path):
     assert Node(tmp_path, 1060.0).run().part.recalled["lost"] == [{"ago_s": 65.0}]
 
 
+@pytest.mark.parametrize(("threaded", "since_s"), [(True, 7.0), (False, 0.0)])
+def test_the_rest_of_a_start_counts_too_unless_time_is_virtual(tmp_path, threaded, since_s):
+    Node(tmp_path, data={"latch": 1}).run()
+    asked, clock = [], iter((100.0, 107.0))
+    part = Part()
+    part.recall = lambda _, since: asked.append(since)
+    memory = Memory(
+        StateSettings(path="state.json"),
+        tmp_path,
+        {"part": part},
+        cell="here",
+        wall_s=lambda: 1000.0,
+        monotonic_s=lambda: next(clock),
+        threaded=threaded,
+    )
+    memory.open()
+    memory.close()
+    assert [since() for since in asked] == [since_s]
+
+
 def test_it_is_written_only_when_something_changed(tmp_path):
     node = Node(tmp_path, data={"latch": 1, "ago_s": 1.0})
     node.memory.open()

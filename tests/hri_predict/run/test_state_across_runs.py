@@ -127,3 +127,16 @@ def test_another_place_or_another_configuration_is_another_cell(cell):
     assert cell_of(here) != cell_of(cell(robot_x=1.0))
     assert cell_of(here) != cell_of(cell("other.yaml"))
     assert cell_of(here) == cell_of(replace(here, text="# a comment"))
+
+
+def test_a_moved_sensor_of_several_is_another_cell():
+    two = configuration.load(configuration.shipped("two_sensors.yaml"))
+
+    def with_back(**changes):
+        source = two.source.model_dump()
+        source["sensors"]["back"] |= changes
+        return cell_of(two.with_source(source))
+
+    pose = {"xyz": [0.1, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
+    assert with_back() == with_back(port=9999)
+    assert with_back() != with_back(room_from_source=pose)

@@ -195,6 +195,20 @@ def test_zones_without_a_forecast_grow_at_least_at_the_present_speed():
     assert growth[0, 6] == pytest.approx(3.0)
 
 
+@pytest.mark.parametrize("speed", [1.4, 5.0])
+def test_zones_of_hidden_joints_grow_at_least_as_fast_as_the_trunk(speed: float) -> None:
+    """The far arm of a runner goes along, although no velocity of it is measured."""
+    history, observed = moving([speed, 0.0, 0.0])
+    shown = ALL.copy()
+    for name in ARMS:
+        observed[:, -10:, CANONICAL.index(name)] = False
+        shown[:, CANONICAL.index(name)] = False
+    captures = RecentCaptures.of_history(history, observed, RATE_HZ)
+    growth = RULE.moving(joint_speeds(captures), shown, ENDS).growth_m_s
+    hidden = growth[0, [CANONICAL.index(name) for name in ARMS]]
+    np.testing.assert_allclose(hidden, max(speed, 2.0))
+
+
 def test_zones_of_people_whose_speed_is_unknown_grow_at_their_physical_limits():
     speeds = joint_speeds(RecentCaptures.of_history(*moving([0.0, 0, 0], steps=1), RATE_HZ))
     growth = RULE.moving(speeds, ALL, ENDS).growth_m_s
