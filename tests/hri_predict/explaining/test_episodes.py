@@ -173,3 +173,19 @@ def test_a_cause_that_comes_and_goes_is_named_not_the_wait_between(tmp_path):
     waited = answer(0.1, 0.1)
     assert waited.startswith("it waited for new captures")
     assert "before that, until 12:00:00.0: a person was 0.50 m" in waited
+
+
+def test_a_shift_of_two_runs_adds_up_what_they_dropped_and_names_a_changed_speed(tmp_path):
+    """Each run of the node counts from 0, and each file states its own configuration."""
+    paths = []
+    for k, (dropped, speed) in enumerate(((3, 1.0), (2, 0.5))):
+        lost = [(1.0, "/clock", {"dropped": 0}), (2.0, "/clock", {"dropped": dropped})]
+        config = f"robots: [{{name: arm, max_speed_m_s: {speed}}}]"
+        path = tmp_path / f"{k}.mcap"
+        messages = sorted((*told(30 * "C"), *lost), key=lambda message: message[0])
+        paths.append(written(path, messages, config=config, utc_ns=NOON + k * 60 * SECOND))
+    shift = tally(Recordings(paths), None, None)
+    assert shift["dropped"] == 5
+    assert any("max_speed_m_s was changed between the files" in note for note in shift["notes"])
+    alone = tally(Recordings(paths[:1]), None, None)
+    assert (alone["dropped"], alone["notes"]) == (3, [])
