@@ -145,6 +145,7 @@ def test_a_check_without_matplotlib_has_tables_alone(cli, folder, made, tmp_path
         ([*CV, "--check", "--calibration", "nowhere.json"], "nowhere.json"),
         ([*CV, "--check", "--horizon", "1.2", "--calibration", "FOREIGN"], "is of predictor"),
         (["--predictor", "aggregated", "--check"], "no calibration is shipped"),
+        ([*CV, "--check", "--disturb", "--horizon", "0.2"], "--disturb measures at 0.4 s"),
     ],
 )
 def test_a_mistake_is_one_line(cli, folder, made, tmp_path, arguments, said):
@@ -156,6 +157,13 @@ def test_a_mistake_is_one_line(cli, folder, made, tmp_path, arguments, said):
     assert out == ""
     assert said in err
     assert len(err.strip().splitlines()) == 1
+
+
+def test_a_calibration_is_measured_up_to_a_shorter_horizon(cli, folder, made):
+    check = ["--check", "--calibration", made, "--horizon", "0.4", "--json"]
+    status, out, _ = cli(*CV, "--data", folder, *check)
+    assert status == 0
+    assert json.loads(out)["horizons_ms"][-1] == 400
 
 
 def test_a_recording_is_not_replaced_by_its_calibration(cli, folder):
