@@ -2,6 +2,7 @@
 
 import errno
 import socket
+from collections.abc import Iterator
 
 import pytest
 
@@ -12,14 +13,15 @@ from hri_predict.base.errors import SourceError
 class Whole:
     """Each read is a unit."""
 
-    def feed(self, data: bytes) -> list[bytes]:
-        return [data]
+    def feed(self, data: bytes) -> Iterator[bytes]:
+        yield data
 
 
 @pytest.fixture
 def client():
     with socket.create_server(("127.0.0.1", 0)) as server:
-        made = StreamClient(*server.getsockname(), Whole)
+        host, port = server.getsockname()
+        made = StreamClient(host, port, Whole)
         made.open()
         yield made
         made.close()

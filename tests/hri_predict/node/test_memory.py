@@ -229,12 +229,15 @@ def test_the_time_in_between_counts(tmp_path):
 def test_the_rest_of_a_start_counts_too_unless_time_is_virtual(tmp_path, threaded, since_s):
     Node(tmp_path, data={"latch": 1}).run()
     asked, clock = [], iter((100.0, 107.0))
-    part = Part()
-    part.recall = lambda _, since: asked.append(since)
+
+    class Asking(Part):
+        def recall(self, data, since_s):
+            asked.append(since_s)
+
     memory = Memory(
         StateSettings(path="state.json"),
         tmp_path,
-        {"part": part},
+        {"part": Asking()},
         cell="here",
         wall_s=lambda: 1000.0,
         monotonic_s=lambda: next(clock),
