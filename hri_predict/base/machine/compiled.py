@@ -31,13 +31,17 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def kernel(loops: Callable[..., Any], otherwise: Callable[P, R]) -> Callable[P, R]:
+def kernel(
+    loops: Callable[..., Any], otherwise: Callable[P, R], *, any_order: bool = False
+) -> Callable[P, R]:
     """Return a function that runs ``loops`` if numba is available, and ``otherwise`` if not.
 
     Args:
         loops: plain loops over arrays, in the subset supported by numba. It may call functions
             marked by ``part``.
         otherwise: the same with array operations; its types and docstring are used for both.
+        any_order: let the compiler add up in any order, several numbers at once: faster, but
+            results differ between processors in the last digits. For training, not for the node.
 
         The first call imports numba and compiles: call it once before real-time operation, with
         arrays of the final types.
@@ -48,7 +52,7 @@ def kernel(loops: Callable[..., Any], otherwise: Callable[P, R]) -> Callable[P, 
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         nonlocal chosen
         if chosen is None:
-            compiler = _compiler()
+            compiler = _compiler(any_order)
             chosen = otherwise if compiler is None else _unless_it_fails(compiler, loops, otherwise)
         return chosen(*args, **kwargs)
 
@@ -129,7 +133,7 @@ def plain(array: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def is_compiled() -> bool:
     """Whether numba compiles the loops in this process."""
-    return _compiler() is not None
+    return _compiler(any_order=False) is not None
 
 
 def why_not_compiled() -> str:
@@ -181,7 +185,7 @@ def _unused_blas() -> Iterator[None]:
 
 
 @functools.cache
-def _compiler() -> Callable[[Callable[..., Any]], Callable[..., Any]] | None:
+def _compiler(any_order: bool) -> Callable[[Callable[..., Any]], Callable[..., Any]] | None:
     """Return the compiler; ``None`` if numba is missing, broken or turned off."""
     if os.environ.get(_SWITCH, "1") == "0":
         return None
@@ -199,7 +203,10 @@ def _compiler() -> Callable[[Callable[..., Any]], Callable[..., Any]] | None:
     keeps = folder is not None and _is_writable(folder / "numba")
     if folder is not None:
         numba.config.CACHE_DIR = str(folder / "numba")
-    compiler: Callable[..., Any] = numba.njit(cache=keeps, nogil=True, error_model="numpy")
+    free = {"reassoc", "contract"} if any_order else False
+    compiler: Callable[..., Any] = numba.njit(
+        cache=keeps, nogil=True, error_model="numpy", fastmath=free
+    )
 
     def compile_with_parts(loops: Callable[..., Any]) -> Callable[..., Any]:
         while _PARTS:

@@ -9,6 +9,8 @@ import math
 import torch
 from torch import Tensor, nn
 
+from hri_predict.predictors.kdformer.scalar_attention import scalar_attention
+
 
 class Attention(nn.Module):
     """Multi-head attention (Eqs. 6 to 10), self or cross: scaled dot product, heads, projection."""
@@ -24,7 +26,7 @@ class Attention(nn.Module):
         """Attend from ``x`` (B, Q, W) to ``memory`` (B, K, W) where ``mask`` (B, K) is true."""
         batch, queries, width = x.shape
         q, kv = self.query(x), self.key_value(memory)
-        if width == self.heads and mask is None and not torch.is_grad_enabled():
+        if width == self.heads and mask is None:
             attended: Tensor = self.out(scalar_attention(q, *kv.chunk(2, -1)))
             return attended
         q = q.view(batch, queries, self.heads, -1).transpose(1, 2)
@@ -37,31 +39,6 @@ class Attention(nn.Module):
         y = score.softmax(-1) @ v
         out: Tensor = self.out(y.transpose(1, 2).reshape(batch, queries, width))
         return out
-
-
-def scalar_attention(q: Tensor, k: Tensor, v: Tensor) -> Tensor:
-    """Attention with one number per head, as between the joints: d = 8 with 8 heads.
-
-    The softmax over these few keys takes most of a forecast's time, and half of that is the search
-    for the largest score. With one number per head it is always at the largest or the smallest key.
-    So one product gives the scores minus the largest, and another gives the weighted sum and its
-    divisor.
-
-    Args:
-        q: (B, Q, h) queries.
-        k: (B, K, h) keys.
-        v: (B, K, h) values.
-
-    Returns:
-        (B, Q, h).
-    """
-    q, k, v = q.transpose(-1, -2), k.transpose(-1, -2), v.transpose(-1, -2)
-    one = torch.ones_like(k)
-    smallest, largest = k.aminmax(dim=-1, keepdim=True)
-    shift = torch.maximum(q * smallest, q * largest)
-    weight = (torch.stack([q, -shift], -1) @ torch.stack([k, one], -2)).exp_()
-    total, norm = (weight @ torch.stack([v, one], -1)).unbind(-1)
-    return (total / norm).transpose(-1, -2)
 
 
 class FeedForward(nn.Module):

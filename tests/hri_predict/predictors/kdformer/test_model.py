@@ -10,7 +10,7 @@ from hri_predict.base.errors import PredictorError
 from hri_predict.base.skeleton import make_skeleton
 from hri_predict.predictors.kdformer.model import KDFormer, KDFormerOptions
 from hri_predict.predictors.kdformer.rotations import matrix
-from hri_predict.predictors.kdformer.transformer import Attention, scalar_attention
+from hri_predict.predictors.kdformer.transformer import Attention
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.cmu_skeleton import CMU38
 from hri_predict.predictors.neural.network import BodyFrames, Shape, Target, last_pose
@@ -230,13 +230,6 @@ def test_width_must_fit_the_heads():
 def test_sizes_that_fill_the_memory_are_refused(size):
     with pytest.raises(ValidationError, match=rf"{size}\n.*less than or equal to"):
         KDFormerOptions.model_validate({size: 10**9})
-
-
-@pytest.mark.parametrize("scale", [1.0, 30.0])
-def test_attention_of_single_numbers_is_the_softmax_over_their_products(scale):
-    q, k, v = scale * torch.randn(3, 2, 5, 8).double()
-    expected = torch.einsum("bqkh,bkh->bqh", (q[:, :, None] * k[:, None]).softmax(2), v)
-    torch.testing.assert_close(scalar_attention(q, k, v), expected)
 
 
 def test_attention_is_the_same_with_and_without_gradients():
