@@ -23,7 +23,23 @@ log = logging.getLogger(__name__)
 _LONGEST_NAME = 200  # of a folder; longer ones are refused as files are
 
 
-def record_settings(config: Config, asked: Path | None) -> RecordSettings | None:
+def where_to_record(
+    config: Config, asked: Path | None, overwrite: bool
+) -> tuple[RecordSettings | None, RecordingFiles | None]:
+    """Return the recorder's settings and path, if anything is recorded.
+
+    Raises:
+        ConfigError: the path is the recording being played or the configuration, or the folder
+            cannot be used, or there is no file to overwrite.
+    """
+    settings = _record_settings(config, asked)
+    if overwrite and (settings is None or settings.file is None):
+        what = "nothing is recorded" if settings is None else f"{settings.folder} is a folder"
+        raise ConfigError(f"--overwrite: has no effect, because {what}; leave it out")
+    return settings, None if settings is None else _place_of(config, settings, asked, overwrite)
+
+
+def _record_settings(config: Config, asked: Path | None) -> RecordSettings | None:
     """Return the user's request: ``--record FILE``, ``--record FOLDER``, or the configuration.
 
     A new path without a suffix is a folder, which is created. If the configuration already records
@@ -42,7 +58,7 @@ def record_settings(config: Config, asked: Path | None) -> RecordSettings | None
     return RecordSettings.model_validate({**rates, "file": str(asked.absolute())})
 
 
-def place_of(
+def _place_of(
     config: Config, settings: RecordSettings, asked: Path | None, overwrite: bool
 ) -> RecordingFiles:
     """Return the path of the recording.

@@ -32,7 +32,7 @@ from hri_predict.recording.mcap.places import RecordingFiles
 from hri_predict.recording.mcap.to_dict import counters_of
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
-from hri_predict.run.recording import clocks_of, info_of, place_of, record_settings
+from hri_predict.run.recording import clocks_of, info_of, where_to_record
 from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
 from hri_predict.run.serving import Serving
 from hri_predict.run.starting import SlowStart, ended_by_signals, memory_of
@@ -208,11 +208,7 @@ class _Session:
 
     def _where_to_record(self) -> tuple[RecordSettings | None, RecordingFiles | None]:
         """Return the recorder's settings and path, if any; see ``run.recording``."""
-        asked = self.options.record
-        settings = record_settings(self.config, asked)
-        if settings is None:
-            return None, None
-        return settings, place_of(self.config, settings, asked, self.options.overwrite)
+        return where_to_record(self.config, self.options.record, self.options.overwrite)
 
     def _keep_evidence(
         self,

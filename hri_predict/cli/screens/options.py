@@ -11,7 +11,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import without_effect
 from hri_predict.viewing import feed
 from hri_predict.viewing.feed import Feed
-from hri_predict.viewing.screen import ScreenSettings
+from hri_predict.viewing.screen import LOOPBACK, ScreenSettings
 
 Viewer = Annotated[
     int | None,
@@ -77,9 +77,12 @@ def screens(
     ``opened`` is called with the address of each screen once it is listening.
 
     Raises:
-        ConfigError: the 3D view's library is missing, or an address of a proxy is wrong.
+        ConfigError: the 3D view's library is missing, an address of a proxy is wrong, or no screen
+            listens on ``host``.
     """
     behind = published(operator, urls)
+    if viewer is None and operator is None and host != LOOPBACK:
+        without_effect({"--viewer-host": host}, "without --viewer or --operator")
     asked = []
     if viewer is not None:
         feed.check_viser()

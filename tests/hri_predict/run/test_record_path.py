@@ -104,6 +104,18 @@ def test_a_folder_that_is_named_on_the_command_line_is_recorded_into(tmp_path, p
     assert not (tmp_path / "elsewhere").exists()
 
 
+@pytest.mark.parametrize(
+    ("record", "why"), [(None, "nothing is recorded"), ("kept", "kept is a folder")]
+)
+def test_overwriting_without_a_file_is_an_error(tmp_path, played, record, why):
+    config = _config(tmp_path, "walk.npz")
+    asked = None if record is None else tmp_path / record
+    options = Options(factor=None, until_exhausted=True, record=asked, overwrite=True)
+    with pytest.raises(ConfigError, match=f"--overwrite: has no effect, because .*{why}; leave"):
+        run(config, options)
+    assert not list(tmp_path.rglob("*.mcap"))
+
+
 def test_a_name_too_long_is_one_line(tmp_path, played):
     with pytest.raises(RecordingError, match="File name too long"):
         run(

@@ -4,6 +4,7 @@ import sys
 
 import pytest
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli import run
 from hri_predict.cli.screens import options
 from hri_predict.viewing.feed import Feed
@@ -55,3 +56,9 @@ def test_in_a_terminal_the_demo_shows_the_3d_view_if_it_is_installed(
     monkeypatch.setattr(run, "go", lambda *arguments: None)
     run.demo(**asked)
     assert ports == [port]
+
+
+def test_an_address_that_no_screen_listens_on_is_an_error():
+    with pytest.raises(ConfigError, match="--viewer-host: has no effect without --viewer or"):
+        options.screens(None, None, "0.0.0.0")
+    options.screens(None, None, "127.0.0.1")
