@@ -76,6 +76,7 @@ def urdf(
     write(found, out, margin_mm / 1000)
     joints, capsules = len(found.data["joints"]), len(found.data["capsules"])
     print(f"{out}: {joints} joints, {capsules} capsules; review the file before you use it")
+    print(f"what it holds: under tool: and payload:, in {found.hand}")
     if found.omitted:
         print(f"not covered: {', '.join(found.omitted)}")
     if found.unread:

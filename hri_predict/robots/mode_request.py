@@ -1,7 +1,8 @@
 """Requests from a robot's controllers: operating mode, requested mode and enabling device.
 
 A robot may have several controllers, each on its own link. Their requests are valid only if all
-recently received ones agree, so that one of two channels alone cannot change the mode.
+agree, so that one of two channels alone cannot change the mode. A controller that was heard before
+and is silent now agrees with nothing: else a pulled cable would grant what it refuses.
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ class ModeRequest:
         request: the requested operating mode.
         enabling: whether all report that the enabling device is held.
         heard: whether there is a fresh RobotState.
-        agreed: whether all controllers request the same.
+        agreed: whether all controllers ever heard are heard now, and request the same.
     """
 
     mode: RobotMode = RobotMode.AUTOMATIC
@@ -50,7 +51,7 @@ class ModeRequests:
         first, *others = fresh
         for other in others:
             first = _both(first, other)
-        return first
+        return first if len(fresh) == len(self._newest) else replace(first, agreed=False)
 
 
 def _both(a: ModeRequest, b: ModeRequest) -> ModeRequest:

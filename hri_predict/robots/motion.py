@@ -125,8 +125,7 @@ class RobotMotion:
         """Return the place (L,) where the robot comes to rest from each speed."""
         if self.plan is not None and self.on_plan is not None:
             ever = np.array([1e3])
-            start_s = self.on_plan.phase_s
-            return self.plan.phases(start_s, speeds_m_s, ever, self.until_braking_s)[0][:, 0]
+            return self.plan.phases(self.on_plan, speeds_m_s, ever, self.until_braking_s)[0][:, 0]
         stopping_s = self._stopping_s(speeds_m_s)
         ever = self.until_braking_s + stopping_s[:, None]
         travel = self.model.travel_s(

@@ -3,8 +3,8 @@
 The node relies on both. It checks separation with the robot's present speed, but it assumes that
 the robot will keep a granted limit and will stop in time. The robot must not be faster than the
 highest limit advised within the last T_r + T_s: the time until it receives a limit, and the time to
-slow down. Single delays are not measured, so a robot that reacts early may brake later; only the
-sum matters, as for the separation.
+slow down. After a stop it must stay at rest. Single delays are not measured, so a robot that reacts
+early may brake later; only the sum matters, as for the separation.
 """
 
 import logging
@@ -120,8 +120,11 @@ class Obedience:
         held = [limit for at, limit in self._limits if at > since_ns]
         held.append([limit for at, limit in self._limits if at <= since_ns][-1])
         if speed_m_s > max(held) * (1 + SPEED_SHARE) + SPEED_SLACK_M_S:
-            self.too_fast += not self.is_too_fast(now_ns)
-            self._too_fast_until_ns = now_ns + HELD_NS
+            self._note_too_fast(now_ns)
+
+    def _note_too_fast(self, now_ns: int) -> None:
+        self.too_fast += not self.is_too_fast(now_ns)
+        self._too_fast_until_ns = now_ns + HELD_NS
 
     def _see_stop(self, speed_m_s: float, now_ns: int) -> None:
         """Measure the time and distance of a stop, from the advice to rest."""
@@ -132,16 +135,18 @@ class Obedience:
         stop = self._stop
         stop.way_m += speed_m_s * (now_ns - stop.seen_ns) * 1e-9
         stop.seen_ns = now_ns
-        if stop.ended:
-            return
+        braking_s = (now_ns - stop.advised_ns) * 1e-9 - self._reaction_s
         # a robot may still speed up until it has heard of the stop
-        if (now_ns - stop.advised_ns) * 1e-9 <= self._reaction_s:
+        if braking_s <= 0.0:
             stop.speed_m_s = max(stop.speed_m_s, speed_m_s)
         if speed_m_s < STANDS_M_S:
             stop.ended = True
             return
         time_s, way_m = self._stopping(max(stop.speed_m_s, STANDS_M_S))
-        braking_s = (now_ns - stop.advised_ns) * 1e-9 - self._reaction_s
+        if stop.ended:  # it rested, perhaps at a waypoint of its path
+            if braking_s > time_s * self.stretch + SLACK_S and speed_m_s > SPEED_SLACK_M_S:
+                self._note_too_fast(now_ns)
+            return
         braking_m = stop.way_m - stop.speed_m_s * self._reaction_s
         late = max(
             (braking_s - SLACK_S) / max(time_s, 1e-3),

@@ -26,6 +26,8 @@ JOINT_TOLERANCE = 0.02
 VELOCITY_NOISE = 0.05
 """Maximum deviation of velocities, rad/s or m/s, plus ``VELOCITY_TOLERANCE`` of the fastest."""
 VELOCITY_TOLERANCE = 0.05
+_EXCESS = 0.01  # of the rate: less is rounding
+_MOST_RATE = 1.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +36,7 @@ class OnPlan:
 
     Attributes:
         phase_s: seconds at full speed along the cycle.
-        rate: phase per second, 1 at full speed.
+        rate: phase per second, 1 at full speed; a little above where the robot is faster.
         off_m: maximum distance of any robot point from its place on the path.
     """
 
@@ -108,7 +110,8 @@ class Plan:
         off = np.abs(q - on_path)
         if not (off <= JOINT_TOLERANCE).all():
             return None
-        rate = float(np.clip(dq @ qd / max(float(dq @ dq), 1e-12), 0.0, 1.0))
+        rate = float(np.clip(dq @ qd / max(float(dq @ dq), 1e-12), 0.0, _MOST_RATE))
+        rate = rate if rate > 1.0 + _EXCESS else min(rate, 1.0)
         return OnPlan(phase % self.trajectory.duration_s, rate, self._model.shift_m(off))
 
     def stopping_capsules(
@@ -117,8 +120,8 @@ class Plan:
         """Return the robot following its path and stopping on it, for several speeds.
 
         Until ``reaction_s`` it follows the path with its fastest point at the given speed, or at
-        full speed if the path is slower. Then it brakes on the path, for the time and along the
-        distance of the stopping table at its speed.
+        full speed if the path is slower (at ``start.rate`` if that is higher). Then it brakes on
+        the path, for the time and along the distance of the stopping table at its speed.
 
         Args:
             start: place at time 0.
@@ -131,19 +134,20 @@ class Plan:
             [times_s[k-1], times_s[k]], entry 0 at the instant times_s[0] (the proof is at
             ``RobotModel.swept_capsules``). And (L,) seconds from time 0 until the robot stops.
         """
-        phases, stands_s = self.phases(start.phase_s, speeds_m_s, times_s, reaction_s)
+        phases, stands_s = self.phases(start, speeds_m_s, times_s, reaction_s)
         swept = self._model.swept_capsules(*stretches(self.trajectory.moves, phases))
         return Capsules(swept.a, swept.b, swept.radius + start.off_m), stands_s
 
     def phases(
-        self, start_s: float, speeds_m_s: Floats, times_s: Floats, reaction_s: float
+        self, start: OnPlan, speeds_m_s: Floats, times_s: Floats, reaction_s: float
     ) -> tuple[Floats, Floats]:
         """Return (L, K) phases at ``times_s``, for ``stopping_capsules``, and (L,) times at which
         the robot stops.
         """
         path = self._closed, self._speed, self._step_s
-        start, asked = (start_s, reaction_s), (plain(speeds_m_s), plain(times_s))
-        return ahead.phases(path, self._model.stopping_tables, start, asked)
+        begin = start.phase_s, reaction_s, max(start.rate, 1.0)
+        asked = plain(speeds_m_s), plain(times_s)
+        return ahead.phases(path, self._model.stopping_tables, begin, asked)
 
     def forwards_m_s(self, phase_s: float, qd: Floats) -> float:
         """Return the forward speed of the fastest point on the path, at joint velocities (N,)

@@ -125,6 +125,15 @@ class ToolSettings(Settings):
         )
     }
 
+    @model_validator(mode="after")
+    def _has_a_shape(self) -> Self:
+        if self.payload_kg != 0 and not self.tool and not self.payload:
+            raise ValueError(
+                f"tool '{self.name}' has no capsules, so no distance would be kept from it; "
+                "describe it under tool: and payload:, or set payload_kg: 0 if nothing is mounted"
+            )
+        return self
+
 
 class MobileBaseSettings(Settings):
     """A base that moves over the floor; its controller reports its pose in RobotState."""
@@ -183,7 +192,8 @@ class RobotSettings(Settings):
         None,
         ge=0,
         le=MAX_PAYLOAD_KG,
-        description="heaviest load; default: the heaviest of the stopping table",
+        description="largest mass of tool and load together; default: the heaviest of the stopping "
+        "table",
     )
     tools: Annotated[list[ToolSettings], Field(min_length=1, max_length=32)] | None = Field(
         None, description="tools that may be mounted, instead of the robot file's tool and payload"

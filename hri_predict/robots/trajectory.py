@@ -25,6 +25,7 @@ from hri_predict.robots.model import RobotModel, StandingMotion
 _FARTHEST = (MAX_ROOM_M, MAX_ROOM_M, 2 * MAX_ANGLE_RAD)  # a base may turn round and back
 OTHER_UNIT = 2.0
 """Factor beyond a position's limits above which a wrong unit is assumed."""
+_SAMPLES = 64  # of the speed within a move
 PEAK = 15 / 8
 """Maximum velocity of a minimum-jerk move divided by its mean velocity."""
 
@@ -107,9 +108,13 @@ class Trajectory:
         qd: Floats = move * (30.0 * x * x * (1.0 - x) ** 2) / span * rate
         return q, qd
 
-    def peak_tip_speed(self, model: RobotModel, samples: int = 2000) -> float:
-        """Return the speed (m/s) of the fastest point of ``model`` over one cycle, sampled."""
-        q, qd = self.at(np.linspace(0.0, self.duration_s, samples))
+    def peak_tip_speed(self, model: RobotModel) -> float:
+        """Return the speed (m/s) of the fastest point of ``model`` over one cycle, sampled within
+        each move.
+        """
+        times = self.moves[0]
+        within = np.linspace(0.0, 1.0, _SAMPLES, endpoint=False)
+        q, qd = self.at((times[:-1, None] + within * np.diff(times)[:, None]).ravel())
         return float(np.max(model.tip_speed(q, qd)))
 
 

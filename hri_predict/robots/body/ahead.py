@@ -27,17 +27,17 @@ each move."""
 
 
 def _phases_by_arrays(
-    path: Speeds, tables: Tables, start: tuple[float, float], asked: tuple[Floats, Floats]
+    path: Speeds, tables: Tables, start: tuple[float, float, float], asked: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
     """Return (L, K) phases of a robot that follows its path, and (L,) the times when it stops.
 
     Args:
         path: path of the robot.
         tables: its stopping tables.
-        start: phase at time 0, and seconds from then until it brakes.
+        start: phase at time 0, seconds from then until it brakes, and its highest rate.
         asked: (L,) speeds of its fastest point; (K,) times from 0, non-decreasing.
     """
-    (start_s, reaction_s), (speeds_m_s, times_s) = start, asked
+    (start_s, reaction_s, most), (speeds_m_s, times_s) = start, asked
     closed, fastest, step_s = path
 
     def speed_at(phases_s: Floats) -> Floats:
@@ -45,9 +45,9 @@ def _phases_by_arrays(
         return result
 
     def rates(speeds: Floats, phases_s: Floats) -> Floats:
-        return np.minimum(1.0, speeds / np.maximum(speed_at(phases_s), 1e-9))
+        return np.minimum(most, speeds / np.maximum(speed_at(phases_s), 1e-9))
 
-    cells = ceil(reaction_s / step_s) + 1
+    cells = ceil(most * reaction_s / step_s) + 1
     at: Floats = start_s + np.arange(cells + 1, dtype=np.float64) * step_s
     rate = rates(speeds_m_s[:, None], at[:-1] + step_s / 2)
     passed = np.zeros((len(speeds_m_s), cells + 1))
@@ -70,12 +70,12 @@ def _phases_by_arrays(
 
 
 def _phases_by_loops(
-    path: Speeds, tables: Tables, start: tuple[float, float], asked: tuple[Floats, Floats]
+    path: Speeds, tables: Tables, start: tuple[float, float, float], asked: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    start_s, reaction_s = start
+    start_s, reaction_s, most = start
     speeds_m_s, times_s = asked
     closed, fastest, step_s = path
-    cells = ceil(reaction_s / step_s) + 1
+    cells = ceil(most * reaction_s / step_s) + 1
     phases, stands_s = np.empty((len(speeds_m_s), len(times_s))), np.empty(len(speeds_m_s))
     middles, passed = np.empty(cells), np.zeros(cells + 1)
     for i in range(cells):
@@ -83,11 +83,11 @@ def _phases_by_loops(
         middles[i] = max(_between(middle % closed[-1], closed, fastest), 1e-9)
     for m in range(len(speeds_m_s)):
         for i in range(cells):
-            rate = min(1.0, speeds_m_s[m] / middles[i])
+            rate = min(most, speeds_m_s[m] / middles[i])
             passed[i + 1] = passed[i] + step_s / max(rate, 1e-9)
         brakes = _followed(passed, reaction_s, start_s, step_s)
         full_m_s = _between(brakes % closed[-1], closed, fastest)
-        rate = min(1.0, speeds_m_s[m] / max(full_m_s, 1e-9))
+        rate = min(most, speeds_m_s[m] / max(full_m_s, 1e-9))
         speed = rate * full_m_s
         stopping_s = _stopping_s(speed, tables[0], tables[1], tables[5])
         if len(tables[3]):
@@ -192,13 +192,15 @@ def at_phases(moves: Moves, phases_s: Floats) -> tuple[Floats, Floats]:
 def acceleration_most(moves: Moves, from_s: Floats, to_s: Floats) -> Floats:
     """Return a bound (..., N) of each joint's acceleration at full speed between two phases.
 
-    The moves at both phases are included; if the arm passes more than two moves, all moves are
-    included.
+    The moves at both phases are included; if the arm passes more than two moves, or comes round to
+    an earlier phase of the same move, all moves are included.
     """
     times, _, acceleration = moves
-    first, last = move_of(times, from_s % times[-1]), move_of(times, to_s % times[-1])
+    before, after = from_s % times[-1], to_s % times[-1]
+    first, last = move_of(times, before), move_of(times, after)
     most = np.maximum(acceleration[first], acceleration[last])
     many = (to_s - from_s > times[-1] / 2) | ((last - first) % len(acceleration) > 1)
+    many |= (last == first) & (after < before)
     return np.where(many[..., None], acceleration.max(0), most)
 
 
@@ -216,9 +218,9 @@ def _stretches_by_loops(moves: Moves, phases_s: Floats) -> tuple[Floats, Floats,
     bend, half = np.empty((paths, places, joints)), np.zeros((paths, places))
     rate, rate_before = np.empty(joints), np.empty(joints)
     for m in range(paths):
-        last = 0
+        last, phase = 0, 0.0
         for k in range(places):
-            phase = phases_s[m, k] % cycle_s
+            before_s, phase = phase, phases_s[m, k] % cycle_s
             first, last = last, min(_before(times, phase), count - 1)
             far = False
             if k == 0:
@@ -226,7 +228,9 @@ def _stretches_by_loops(moves: Moves, phases_s: Floats) -> tuple[Floats, Floats,
             else:
                 half[m, k] = (phases_s[m, k] - phases_s[m, k - 1]) / 2
                 far = phases_s[m, k] - phases_s[m, k - 1] > cycle_s / 2
-            far = far or (last - first) % count > 1
+            far = (
+                far or (last - first) % count > 1 or (k > 0 and last == first and phase < before_s)
+            )
             span = times[last + 1] - times[last]
             x = (phase - times[last]) / span
             for i in range(joints):

@@ -69,9 +69,10 @@ class Shape:
             found += [(lead, f"base/{c.name}", c) for c in base.capsules]
             ends += [(turn @ c.a + shift, turn @ c.b + shift) for c in base.capsules]
         if len(found) > MAX_CAPSULES:
+            what = "tools: with all of them the robot" if tools else f"model: robot {file.name}"
             raise RobotError(
-                f"tools: with all of them the robot has {len(found)} capsules, but Advice can "
-                f"identify only {MAX_CAPSULES}; use fewer, larger capsules"
+                f"{what} has {len(found)} capsules, but Advice can identify only {MAX_CAPSULES}; "
+                f"use fewer, larger capsules"
             )
         return cls(
             tuple(name for _, name, _ in found),

@@ -18,8 +18,9 @@ from hri_predict.base.errors import ConfigError, OsErrorAs, RobotError
 from hri_predict.base.files import atomic_write
 from hri_predict.base.geometry import segment_distance
 from hri_predict.base.settings import validated
+from hri_predict.robots.body.shape import MAX_CAPSULES
 from hri_predict.robots.file import RobotFile, StoppingFile, read_robot_file, size_problem
-from hri_predict.robots.urdf.model import read_model
+from hri_predict.robots.urdf.model import UrdfModel, read_model
 from hri_predict.robots.urdf.tree import read_chain
 
 SPEEDS_M_S = [0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0]
@@ -34,12 +35,14 @@ class Converted:
         needed: radius (m) required for each capsule to contain its link, without the margin.
         omitted: links of the URDF with a shape not covered by any capsule.
         unread: URDF extensions for other programs, with their number.
+        hand: the frame of tool and payload, and the tip's place in it.
     """
 
     data: dict[str, Any]
     needed: dict[str, float]
     omitted: list[str]
     unread: list[str]
+    hand: str
 
 
 def convert(
@@ -66,11 +69,11 @@ def convert(
     """
     chain = read_chain(urdf, base, tip, left_out=left_out or [], packages=packages or [])
     try:
-        joints, bodies = read_model(chain, base)
+        model = read_model(chain, base, tip)
     except RobotError as error:
         raise RobotError(f"URDF file {urdf}: {error}") from None
     capsules, needed = [], {}
-    for link, body in bodies.items():
+    for link, body in model.bodies.items():
         fit = fit_capsule(body.points, body.radii)
         a, b = np.round(fit.a, 4) + 0.0, np.round(fit.b, 4) + 0.0  # + 0: no -0.0
         needed[link] = needed_radius(body.points, body.radii, a, b)
@@ -81,7 +84,7 @@ def convert(
         "name": name or chain.name,
         "source": f"converted from the URDF {urdf.name}, chain {base} to {tip}",
         "base": base,
-        "joints": joints,
+        "joints": model.joints,
         "capsules": capsules,
         "stopping": stopping,
     }
@@ -91,7 +94,21 @@ def convert(
         raise RobotError(str(error)) from None
     if problem := size_problem(robot):
         raise RobotError(f"URDF file {urdf}: {problem}")
-    return Converted(data, needed, chain.omitted, chain.unread)
+    if len(capsules) > MAX_CAPSULES:
+        raise RobotError(
+            f"URDF file {urdf}: {len(capsules)} links have a shape, but a robot has at most "
+            f"{MAX_CAPSULES} capsules; --leave-out those inside others, or join them in the URDF"
+        )
+    return Converted(data, needed, chain.omitted, chain.unread, _hand(model, tip))
+
+
+def _hand(model: UrdfModel, tip: str) -> str:
+    """Describe the frame of tool and payload: that of the last link that moves, not the tip's."""
+    last = str(model.joints[-1]["child"])
+    if last == tip:
+        return f"the frame of '{last}', the last link"
+    xyz, rpy = ([round(v, 4) for v in model.tip[key]] for key in ("xyz", "rpy"))
+    return f"the frame of '{last}', the last link that moves ('{tip}': xyz {xyz}, rpy {rpy} in it)"
 
 
 def copied_stopping(robot: str) -> dict[str, Any]:
@@ -170,7 +187,7 @@ def _text(found: Converted, margin_mm: float) -> str:
         f"mm were added, rounded up to a whole millimetre. Not covered: "
         f"{', '.join(found.omitted) or 'nothing'}. Are these shapes as large as the robot with its "
         f"cables? What it holds belongs under tool: and payload: (configs/robots/ur5e.yaml shows "
-        f"how), in the frame of the last link."
+        f"how), in {found.hand}."
     )
     lines = textwrap.fill(about, 98, initial_indent="# ", subsequent_indent="# ")
     body = yaml.safe_dump(found.data, sort_keys=False, default_flow_style=None, width=100)

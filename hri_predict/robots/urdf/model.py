@@ -41,8 +41,23 @@ class LinkBody:
     radii: Floats
 
 
-def read_model(chain: UrdfChain, base: str) -> tuple[list[dict[str, Any]], dict[str, LinkBody]]:
-    """Return the joints in the format of a robot file, and every URDF link with collision geometry.
+@dataclass(frozen=True, slots=True)
+class UrdfModel:
+    """A chain as a robot file describes it.
+
+    Attributes:
+        joints: the joints in the format of a robot file.
+        bodies: every URDF link with collision geometry.
+        tip: place of the tip in the frame of the last moving link, in the format of an ``origin``.
+    """
+
+    joints: list[dict[str, Any]]
+    bodies: dict[str, LinkBody]
+    tip: dict[str, list[float]]
+
+
+def read_model(chain: UrdfChain, base: str, tip: str) -> UrdfModel:
+    """Read a chain.
 
     Raises:
         RobotError: Pinocchio is not installed or refuses the file, a limit is missing, a number is
@@ -80,7 +95,8 @@ def read_model(chain: UrdfChain, base: str) -> tuple[list[dict[str, Any]], dict[
                 f"link '{body.get('name')}': a <collision> or <visual> has no shape that "
                 f"URDF knows (box, cylinder, sphere, mesh); correct it"
             )
-    return joints, _bodies(model, geometry, carriers)
+    at_tip = _origin(model.frames[model.getFrameId(tip)].placement, pinocchio, f"at {tip}")
+    return UrdfModel(joints, _bodies(model, geometry, carriers), at_tip["origin"])
 
 
 def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, LinkBody]:

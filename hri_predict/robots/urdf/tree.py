@@ -117,6 +117,7 @@ def _chain(
     kept = [
         link for link in links if base in (up := _way_up(link, above)) and not dropped & set(up)
     ]
+    _check_base(base, above)
     moving = [above[link] for link in way[1:] if above[link].get("type") != "fixed"]
     _check_moving(moving, base, tip)
     slim = ElementTree.Element("robot", name=root.get("name") or "robot")
@@ -210,6 +211,17 @@ def _way_up(link: str, above: dict[str, ElementTree.Element], base: str | None =
             f"give --base and --tip in this order, from the floor to the hand"
         )
     return way
+
+
+def _check_base(base: str, above: dict[str, ElementTree.Element]) -> None:
+    """Refuse a base that a joint above it moves: the robot file would leave out that motion."""
+    for link in _way_up(base, above):
+        joint = above.get(link)
+        if joint is not None and joint.get("type") != "fixed":
+            raise RobotError(
+                f"joint '{_name(joint)}' moves '{base}': start above it, with --base "
+                f"{_end(joint, 'parent')}, or make the joint fixed where it will stand"
+            )
 
 
 def _check_moving(joints: list[ElementTree.Element], base: str, tip: str) -> None:

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from hri_predict.protocol.messages import OperatingMode, RobotMode, RobotState
 from hri_predict.robots.mode_request import NOTHING_ASKED, ModeRequest, ModeRequests
 from tests.messages import make_state
@@ -36,9 +38,11 @@ def test_two_controllers_must_agree() -> None:
     assert differs.mode is RobotMode.UNKNOWN
 
 
-def test_a_silent_controller_has_no_say() -> None:
-    silent = (replace(TEACH, request=OperatingMode.MUTED), 0)
-    assert asked(silent, (TEACH, 50), now_ms=120) == TAUGHT
+@pytest.mark.parametrize("request_", OperatingMode)
+def test_a_controller_that_falls_silent_agrees_with_nothing(request_) -> None:
+    silent = (replace(TEACH, request=request_), 0)
+    assert asked(silent, (TEACH, 50), now_ms=120) == replace(TAUGHT, agreed=False)
+    assert asked(silent, (TEACH, 0), now_ms=120) == NOTHING_ASKED
 
 
 def test_only_a_true_enabling_device_is_held() -> None:

@@ -110,3 +110,34 @@ def test_a_robot_that_does_not_stop_is_told_of_at_each_doubling(caplog):
 def test_a_robot_that_stops_in_time_is_not_in_the_log(caplog):
     Robot().run(1.0, 2.0).run(0.0, 3.0)
     assert not caplog.messages
+
+
+def test_a_robot_that_moves_off_during_a_stop_is_too_fast():
+    robot = Robot().run(0.0, 3.0)
+    assert not robot.too_fast
+    robot.told.append((robot.now, 1.0))  # somebody else's command
+    for _ in range(50):
+        robot.now += TICK_S
+        robot.speed = min(robot.speed + TICK_S, 1.0)
+        robot.watch.see(robot.speed, round(robot.now * 1e9))
+        robot.watch.advise(0.0, round(robot.now * 1e9))
+    assert robot.too_fast
+    assert robot.watch.too_fast == 1
+
+
+@pytest.mark.parametrize("rests_s", [0.0, 0.08, 0.3, 1.0])
+def test_a_robot_that_ignores_a_stop_is_too_fast_though_it_rests_at_a_waypoint(rests_s):
+    watch = Obedience(REACTION_S, table, 1.0)
+    for k in range(200):
+        now_s = k * TICK_S
+        rests = now_s - 2.0 - rests_s < 0.12 and now_s >= 2.0 + rests_s
+        watch.see(0.0 if rests else 1.0, round(now_s * 1e9))
+        watch.advise(1.0 if now_s < 2.0 else 0.0, round(now_s * 1e9))
+    assert watch.too_fast + watch.late_stops >= 1
+
+
+def test_noise_of_a_robot_at_rest_is_no_motion():
+    robot = Robot().run(1.0, 2.0).run(0.0, 3.0)
+    for k in range(100):
+        robot.watch.see(0.045 * (k % 2), round((robot.now + k * TICK_S) * 1e9))
+    assert robot.watch.too_fast == 0

@@ -56,7 +56,7 @@ def test_capsules_contain_the_robot_during_whole_intervals(start, speed, reactio
     for row, v in enumerate((speed, speed / 3)):
         for k in (0, 1, 5, 9, 15, 25):
             dense = np.linspace(TIMES[max(k - 1, 0)], TIMES[k], 9)
-            found, _ = PLAN.phases(start, np.array([v]), dense, reaction_s)
+            found, _ = PLAN.phases(OnPlan(start, 1.0), np.array([v]), dense, reaction_s)
             q, _ = PATH.at(found[0])
             one = type(swept)(swept.a[row, k], swept.b[row, k], swept.radius[row, k])
             assert contained(MODEL, one, q) <= 1e-9
@@ -72,9 +72,40 @@ def test_capsules_hold_where_a_path_bends_sharply_between_short_moves():
         swept, _ = plan.stopping_capsules(OnPlan(start, 1.0), np.array([0.5]), TIMES[:8], 0.2)
         for k in range(8):
             dense = np.linspace(TIMES[max(k - 1, 0)], TIMES[k], 41)
-            q, _ = path.at(plan.phases(start, np.array([0.5]), dense, 0.2)[0][0])
+            q, _ = path.at(plan.phases(OnPlan(start, 1.0), np.array([0.5]), dense, 0.2)[0][0])
             one = type(swept)(swept.a[0, k], swept.b[0, k], swept.radius[0, k])
             assert contained(MODEL, one, q) <= 1e-9
+
+
+def test_capsules_hold_where_a_step_passes_a_whole_short_move_of_a_path_of_two():
+    # from the end of the long move through the short one, back into the long one
+    low = np.array([0.0, -1.0, 1.0, -1.3, -1.57, 0.0])
+    high = low + np.array([0.045, 0.045, 0.0, 0.0, 0.0, 0.0])
+    path = Trajectory(np.array([0.0, 0.55, 0.58]), np.array([low, high, low]))
+    plan = Plan(path, MODEL)
+    for start in np.linspace(0.5, 0.58, 17):
+        here = OnPlan(start, 1.0)
+        swept, _ = plan.stopping_capsules(here, np.array([9.0]), TIMES[:3], 0.2)
+        for k in range(3):
+            dense = np.linspace(TIMES[max(k - 1, 0)], TIMES[k], 41)
+            q, _ = path.at(plan.phases(here, np.array([9.0]), dense, 0.2)[0][0])
+            one = type(swept)(swept.a[0, k], swept.b[0, k], swept.radius[0, k])
+            assert contained(MODEL, one, q) <= 1e-9
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 1.05, 1.08])
+def test_a_robot_that_is_faster_than_its_plan_is_foreseen_as_fast_as_it_is(factor):
+    for start in np.linspace(1.4, 2.8, 8):
+        q, qd = PATH.at_phase(start, factor)
+        found = located(q, qd, None)
+        assert found.rate == pytest.approx(factor, rel=1e-6)
+        swept, _ = PLAN.stopping_capsules(found, np.array([9.0]), TIMES[:9], 0.32)
+        q, _ = PATH.at(start + max(factor, 1.0) * TIMES[:9])
+        placed = MODEL.capsules(q)
+        for k in range(9):
+            one = type(swept)(swept.a[0, k], swept.b[0, k], swept.radius[0, k])
+            assert contained(MODEL, one, q[k : k + 1]) <= 1e-6
+        assert len(placed.radius)
 
 
 def test_capsules_are_not_needlessly_wide():
@@ -87,7 +118,7 @@ def test_capsules_are_not_needlessly_wide():
 @given(phases, levels, reactions)
 def test_the_fastest_point_keeps_to_the_speed_and_then_brakes(start, speed, reaction_s):
     fine = np.linspace(0.0, 1.2, 1201)
-    found, stands_s = PLAN.phases(start, np.array([speed]), fine, reaction_s)
+    found, stands_s = PLAN.phases(OnPlan(start, 1.0), np.array([speed]), fine, reaction_s)
     assert (np.diff(found[0]) >= -1e-12).all()
     rate = np.diff(found[0]) / np.diff(fine)
     assert rate.max() <= 1.0 + 1e-6
@@ -104,14 +135,14 @@ def test_braking_takes_the_time_and_the_distance_of_the_table():
     # on the swing from 1.0 to 3.2 s the fastest point is slowly varying about its peak at 2.1 s
     v = float(MODEL.tip_speed(*PATH.at(2.0)))
     time_s, distance_m = MODEL.stopping(v)
-    found, stands_s = PLAN.phases(1.9, np.array([5.0]), np.array([0.1, 5.0]), 0.1)
+    found, stands_s = PLAN.phases(OnPlan(1.9, 1.0), np.array([5.0]), np.array([0.1, 5.0]), 0.1)
     assert stands_s[0] == pytest.approx(0.1 + time_s, rel=1e-3)
     assert found[0, 0] == pytest.approx(2.0, abs=1e-6)
     assert (found[0, 1] - found[0, 0]) * v == pytest.approx(distance_m, rel=1e-3)
 
 
 def test_a_standing_robot_stays_where_it_is():
-    found, stands_s = PLAN.phases(2.0, np.array([0.0]), TIMES, 0.3)
+    found, stands_s = PLAN.phases(OnPlan(2.0, 0.0), np.array([0.0]), TIMES, 0.3)
     np.testing.assert_allclose(found, 2.0, atol=1e-6)
     assert stands_s[0] == 0.3
 

@@ -76,16 +76,17 @@ TIMES = np.arange(26) / 25.0
 @given(
     start_s=st.floats(0, 30),
     reaction_s=st.floats(0.01, 0.6),
+    most=st.sampled_from([1.0, 1.1]),
     speeds=st.lists(st.floats(0, 2), min_size=1, max_size=3).map(np.array),
     stretch=st.sampled_from([1.0, 1.4]),
     base=st.booleans(),
 )
-def test_along_a_plan(phases, start_s, reaction_s, speeds, stretch, base):
+def test_along_a_plan(phases, start_s, reaction_s, most, speeds, stretch, base):
     *arm, _, _, _ = ARM.stopping_tables
     of_base = (np.array([0.5, 1.0]), np.array([0.4, 0.9])) if base else (np.empty(0), np.empty(0))
     tables = *arm, *of_base, stretch
     path = PLAN._closed, PLAN._speed, PLAN._step_s
-    asked = path, tables, (start_s, reaction_s), (speeds, TIMES)
+    asked = path, tables, (start_s, reaction_s, most), (speeds, TIMES)
     one, other = phases(*asked), ahead._phases_by_arrays(*asked)
     near(one, other)
     moves = PLAN.trajectory.moves

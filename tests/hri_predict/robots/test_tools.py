@@ -130,11 +130,18 @@ def test_a_robot_without_tools_ignores_the_number() -> None:
         ([TOOLS[0] | {"payload": [CLAW]}], {}, "two capsules with the same name"),
         ([TOOLS[0] | {"weight": 3}], {}, "weight"),
         (TOOLS, {"payload_kg": 1.0}, "belongs in each of its tools"),
+        ([{"name": "grip", "number": 1, "payload_kg": 4.0}], {}, "tool 'grip' has no capsules"),
+        ([{"name": "grip", "number": 1}], {}, "tool 'grip' has no capsules"),
     ],
 )
 def test_mistakes(tools: list[dict[str, Any]], more: dict[str, Any], message: str) -> None:
     with pytest.raises(ValidationError, match=message):
         settings_of(tools, **more)
+
+
+def test_nothing_may_be_mounted() -> None:
+    bare = {"name": "none", "number": 0, "payload_kg": 0}
+    assert settings_of([bare, TOOLS[0]]).tools is not None
 
 
 def test_no_tools_at_all_is_a_mistake() -> None:

@@ -149,6 +149,17 @@ def test_it_goes_where_its_comment_says(
     assert path.peak_tip_speed(model) == pytest.approx(peak, abs=0.005)
 
 
+def test_one_quick_move_in_a_long_cycle_is_not_missed() -> None:
+    model = robot("ur5e", 2.5)
+    quick = load_trajectory("pick_and_place", model, None)
+    times, positions, _ = quick.moves
+    slow = Trajectory(np.append(times, 3600.0), np.vstack([positions, positions[-1:]]))
+    peak = quick.peak_tip_speed(model)
+    assert slow.peak_tip_speed(model) == pytest.approx(peak, rel=1e-9)
+    dense = model.tip_speed(*quick.at(np.linspace(0.0, quick.duration_s, 20_001)))
+    assert peak >= 0.998 * dense.max()
+
+
 MISTAKES: dict[str, tuple[Any, str]] = {
     "joint count": (
         lambda f: f["waypoints"][2]["positions"].pop(),

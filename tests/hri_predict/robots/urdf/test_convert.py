@@ -33,8 +33,12 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
 def test_what_comes_out(urdf: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(urdf, *CHAIN, *STOP) == 0
     assert capsys.readouterr().out.endswith(
-        "mine.yaml: 3 joints, 5 capsules; review the file before you use it\nnot covered: finger\n"
+        "mine.yaml: 3 joints, 5 capsules; review the file before you use it\n"
+        "what it holds: under tool: and payload:, in the frame of 'wrist', the last link that "
+        "moves ('camera': xyz [0.1, 0.0, 0.0], rpy [0.0, 1.0, 0.0] in it)\nnot covered: finger\n"
     )
+    text = " ".join((urdf.parent / "mine.yaml").read_text().replace("#", " ").split())
+    assert "in the frame of 'wrist', the last link that moves ('camera': xyz [0.1," in text
     robot = read_robot_file("mine.yaml", urdf.parent)
     assert robot.name == "small"
     assert robot.links() == ["plate", "tower", "arm", "wrist"]

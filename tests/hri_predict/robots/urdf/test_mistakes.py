@@ -204,6 +204,23 @@ MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
         swap('upper="2.5" velocity="1.5"', 'upper="2.5" velocity="30"'), CHAIN + STOP,
         "'turn': velocity 30.*radians per second are meant: 0.5236?",
     ),
+    "a base that moves": (
+        same, ["--base", "wrist", "--tip", "finger", *STOP],
+        "joint 'roll' moves 'wrist': start above it, with --base arm, or make the joint fixed",
+    ),
+    "a rail below the base": (
+        swap('name="floor" type="fixed"', 'name="floor" type="prismatic"'), CHAIN + STOP,
+        "joint 'floor' moves 'plate': start above it, with --base world",
+    ),
+    "too many shapes": (
+        swap("</robot>", "".join(
+            f'<link name="l{i}"><collision><geometry><sphere radius="0.01"/></geometry></collision>'
+            f'</link><joint name="j{i}" type="fixed"><parent link="arm"/><child link="l{i}"/>'
+            "</joint>"
+            for i in range(60)
+        ) + "</robot>"), CHAIN + STOP,
+        "65 links have a shape, but a robot has at most 62 capsules; --leave-out",
+    ),
     "long name": (swap('name="small"', f'name="{"x" * 80}"'), CHAIN + STOP, "name: .*64"),
 }  # fmt: skip
 
