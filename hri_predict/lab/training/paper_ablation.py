@@ -88,7 +88,7 @@ PAPERS: Mapping[str, Switches] = {
         },
     ),
     "sinn": Switches(
-        "Table 4, eating at 400 ms, mm; one figure without SRE, whatever takes its place",
+        "Table 4, eating at 400 ms, mm; without SRE: its substitute is not stated",
         {
             "whole": ({}, 23.7),
             "w/o SRE, displacements": ({"representation": "displacement"}, 55.3),
