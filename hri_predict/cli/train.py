@@ -90,10 +90,19 @@ def train(
             _show(result, settings.error_unit, as_json)
         if result.ending == "interrupted":
             if processes.rank == 0:
-                again = [a for a in sys.argv[1:] if a != "--resume"]
-                again += [] if plan else ["--resume"]
-                print(f"saved; continue with: hri-predict {shlex.join(again)}", file=sys.stderr)
+                again = _again(plan is None, processes.count)
+                print(f"saved; continue with: {again}", file=sys.stderr)
             raise typer.Exit(130)
+
+
+def _again(one_run: bool, processes: int) -> str:
+    """Return the command that continues one run, or a plan, with the same number of processes."""
+    words = [word for word in sys.argv[1:] if word != "--resume"]
+    words += ["--resume"] if one_run else []
+    program = ["hri-predict"]
+    if processes > 1:
+        program = ["torchrun", "--nproc-per-node", str(processes), "-m", "hri_predict"]
+    return shlex.join([*program, *words])
 
 
 def _found(path: Path) -> Path:

@@ -11,12 +11,13 @@ from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.base.files import load_yaml
 from hri_predict.cli.common import files, predictor_settings, progress, warn
 from hri_predict.contracts.joint_map import JointMap
-from hri_predict.contracts.predictor import PredictorSettings
+from hri_predict.contracts.predictor import Predictor, PredictorSettings
 from hri_predict.recording import recording_info
 
 if TYPE_CHECKING:
     from hri_predict.base.work.workers import Workers
     from hri_predict.lab.calibration.scores import Scores
+    from hri_predict.zones.calibration import Calibration
 
 RATE_HZ = 25.0
 HORIZON_S = 1.2
@@ -59,6 +60,22 @@ def calibrated_settings(predictor: str, weights: Path | None, horizon: float) ->
     if not horizon >= LEAST_HORIZON_S:
         raise ConfigError(f"--horizon {horizon:g}: too short; give {LEAST_HORIZON_S:g} s or more")
     return predictor_settings(predictor, weights, RATE_HZ, horizon)
+
+
+def demand_horizon(
+    predictor: Predictor, settings: PredictorSettings, calibration: "Calibration", path: Path
+) -> None:
+    """Check that the predictor forecasts as many steps as the calibration at ``path`` has.
+
+    Raises:
+        ConfigError: it does not.
+    """
+    if predictor.horizon_steps != calibration.steps:
+        reach_s = calibration.steps / calibration.rate_hz
+        raise ConfigError(
+            f"--horizon {settings.horizon_s:g}: the calibration {path} reaches {reach_s:g} s; "
+            f"give --horizon {reach_s:g}"
+        )
 
 
 def warn_of_simulated(data: Data, default: str) -> None:

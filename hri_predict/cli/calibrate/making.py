@@ -9,10 +9,19 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli.calibrate.inputs import Data, scores_of, warn_of_simulated
-from hri_predict.cli.common import check_writable, files, progress, result, stage, tell, writing
+from hri_predict.cli.calibrate.inputs import Data, demand_horizon, scores_of, warn_of_simulated
+from hri_predict.cli.common import (
+    check_writable,
+    files,
+    progress,
+    result,
+    stage,
+    tell,
+    warn,
+    writing,
+)
 from hri_predict.contracts import registry
-from hri_predict.contracts.predictor import PredictorSettings
+from hri_predict.contracts.predictor import Predictor, PredictorSettings
 
 if TYPE_CHECKING:
     from hri_predict.lab.calibration.noise import See
@@ -178,10 +187,11 @@ def add_noise(
     same.
 
     Raises:
-        ConfigError: the calibration is missing, or none of the recordings is usable.
+        ConfigError: the calibration is missing or has another horizon, or too few of the
+            recordings are usable.
     """
     from hri_predict.lab.calibration import noise
-    from hri_predict.zones.calibration import calibration_for
+    from hri_predict.zones.calibration import calibration_for, shipped_calibration
     from hri_predict.zones.settings import LEVELS, CoverageSettings
 
     check_out(out)
@@ -192,26 +202,9 @@ def add_noise(
             f"--predictor {settings.name}: ships without a calibration; name one with --calibration"
         )
     built = registry.load("predictors", settings.name)(settings)
-    recordings = files(data.entries, data.split, "calibration")
-    trackers: list[See] = [noise.as_recorded, *(tracker.seen for tracker in noise.FITTED_TO)]
-    scored: list[list[Scores]] = []
-    with progress() as bar:
-        task = bar.add_task("forecasting", total=len(trackers) * len(recordings))
-        for seed, see in enumerate(trackers):
-            scored.append(
-                noise.scores_seen(
-                    built,
-                    recordings,
-                    see,
-                    seed=seed,
-                    joint_map=data.joint_map,
-                    on_recording=lambda _: bar.advance(task),
-                )
-            )
-        if not scored[0]:
-            raise ConfigError("--data: no person is seen for long enough; give other recordings")
-        noisy = [entry for scores in scored[1:] for entry in scores]
-        made = noise.with_noise(calibration, clean=scored[0], noisy=noisy, skeleton=built.skeleton)
+    demand_horizon(built, settings, calibration, path or shipped_calibration(settings.name))
+    clean, noisy = _seen(built, data)
+    made = noise.with_noise(calibration, clean=clean, noisy=noisy, skeleton=built.skeleton)
     write_calibration(out, made)
     assert made.noise is not None
     growth = {
@@ -224,3 +217,34 @@ def add_noise(
         print(json.dumps({"file": str(out), "growth": growth}))
         return
     tell([out])
+
+
+def _seen(predictor: Predictor, data: Data) -> "tuple[list[Scores], list[Scores]]":
+    """Return the scores of the recordings as recorded, and as noisy trackers see them."""
+    from hri_predict.lab.calibration import noise
+
+    recordings = files(data.entries, data.split, "calibration")
+    trackers: list[See] = [noise.as_recorded, *(tracker.seen for tracker in noise.FITTED_TO)]
+    scored: list[list[Scores]] = []
+    named: set[str] = set()
+
+    def left_out(line: str) -> None:  # comes once per tracker
+        if line not in named:
+            named.add(line)
+            warn(line)
+
+    with progress() as bar:
+        task = bar.add_task("forecasting", total=len(trackers) * len(recordings))
+        for seed, see in enumerate(trackers):
+            scored.append(
+                noise.scores_seen(
+                    predictor,
+                    recordings,
+                    see,
+                    seed=seed,
+                    joint_map=data.joint_map,
+                    on_recording=lambda _: bar.advance(task),
+                    on_left_out=left_out,
+                )
+            )
+    return scored[0], [entry for scores in scored[1:] for entry in scores]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli.calibrate.inputs import Data, warn_of_simulated
+from hri_predict.cli.calibrate.inputs import Data, demand_horizon, warn_of_simulated
 from hri_predict.cli.calibrate.making import check_out, write_calibration
 from hri_predict.cli.common import (
     check_writable,
@@ -50,8 +50,9 @@ def commission(
         raise ConfigError(
             f"--out {out}: is the base calibration, which is not overwritten; name another file"
         )
-    warn_of_simulated(data, "calibration")
     built = registry.load("predictors", settings.name)(settings)
+    demand_horizon(built, settings, base, path)
+    warn_of_simulated(data, "calibration")
     parts = _parts(built, base, data)
     made = adapted(
         base=base,
@@ -96,12 +97,6 @@ def _base(settings: PredictorSettings, onto: str) -> "tuple[Path, Calibration]":
         raise ConfigError(
             f"--onto {path}: was already moved to a site; give the original calibration, and all "
             f"recordings of the site with --data"
-        )
-    reach = settings.horizon_s * settings.rate_hz
-    if round(reach) != base.steps:
-        raise ConfigError(
-            f"--horizon {settings.horizon_s:g}: the calibration {path} reaches "
-            f"{base.steps / base.rate_hz:g} s; give --horizon {base.steps / base.rate_hz:g}"
         )
     return path, base
 

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import Skeleton
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.predictor import Predictor
@@ -57,6 +58,7 @@ def scores_seen(
     seed: int,
     joint_map: JointMap | None = None,
     on_recording: Callable[[str], None] = lambda _: None,
+    on_left_out: Callable[[str], None] = lambda _: None,
 ) -> list[Scores]:
     """Score a predictor on the start of recordings as a tracker sees them.
 
@@ -69,6 +71,7 @@ def scores_seen(
         seed: seed of all noise.
         joint_map: the user's own for the files' joints; default: found by their names.
         on_recording: called with the name of each recording when it is done.
+        on_left_out: called with one line for each recording that is left out.
 
     Raises:
         RecordingError: a file cannot be read.
@@ -91,7 +94,7 @@ def scores_seen(
         joint_map=joint_map,
         nobody="no person is seen for long enough",
         on_recording=on_recording,
-        on_left_out=lambda _: None,
+        on_left_out=on_left_out,
     )
     return found
 
@@ -110,17 +113,53 @@ def with_noise(
         clean, noisy: scores of the recordings that the calibration was made with, see
             ``scores_seen``.
         skeleton: skeleton of the forecasts.
+
+    Raises:
+        ConfigError: fewer than ``LEAST_RECORDINGS`` recordings are usable, or noisy. At a single
+            step, the calibration's own growth, if it has one, stays instead.
     """
+    _demand_recordings(clean, noisy, skeleton)
     bare = replace(calibration, noise=None)
     table = {of: np.zeros((len(LEVELS), calibration.steps)) for of in OFS}
     for of in OFS:
         for i, level in enumerate(LEVELS):
             settings = CoverageSettings(level=level, of=of)
             without = _judged(bare, clean, settings, skeleton)
-            table[of][i] = _growth(without, _judged(bare, noisy, settings, skeleton), level)
+            old = None if calibration.noise is None else calibration.noise.table[of][i]
+            table[of][i] = _growth(without, _judged(bare, noisy, settings, skeleton), level, old)
         # neither a higher level nor a longer step grows less
         table[of] = np.maximum.accumulate(np.maximum.accumulate(table[of], axis=0), axis=1)
     return replace(calibration, noise=NoiseGrowth(table))
+
+
+def _demand_recordings(
+    clean: Sequence[Scores], noisy: Sequence[Scores], skeleton: Skeleton
+) -> None:
+    count = len(units(clean))
+    if count < LEAST_RECORDINGS:
+        raise ConfigError(
+            f"--data: too few recordings ({count}): in each, a person must be seen for long "
+            f"enough; give {LEAST_RECORDINGS} at least"
+        )
+    shown = [
+        np.concatenate([_noise_m(noisy[i], skeleton) for i in own]) for own in units(noisy).values()
+    ]
+    count = sum(_is_noisy(noise_m).sum() >= _LEAST_WINDOWS for noise_m in shown)
+    if count < LEAST_RECORDINGS:
+        raise ConfigError(
+            f"--data: too few recordings ({count}) show a tracker's noise: it is measured at arms "
+            f"and legs; give {LEAST_RECORDINGS} at least in which these are visible"
+        )
+
+
+def _noise_m(entry: Scores, skeleton: Skeleton) -> Floats:
+    """(W,) metres of noise in each used window."""
+    some = slice(None, None, EACH)
+    return input_noise_m(entry.history[some], entry.observed[some], skeleton)
+
+
+def _is_noisy(noise_m: Floats) -> Bools:
+    return noise_m > _LEAST_NOISE_M
 
 
 class _Judged(NamedTuple):
@@ -141,7 +180,7 @@ class _Judged(NamedTuple):
 
     def needed(self, step: int) -> Floats:
         """The growth that holds each joint, or each body, of a noisy window."""
-        noisy = self.noise_m > _LEAST_NOISE_M
+        noisy = _is_noisy(self.noise_m)
         if noisy.sum() < _LEAST_WINDOWS:
             return np.zeros(0)
         error, radius = self.error_m[noisy, step], self.radius_m[noisy, step]
@@ -172,14 +211,20 @@ def _judged(
             ]
         )
         error = np.concatenate([s.error_m[some, :steps] for s in parts])
-        noise = [input_noise_m(s.history[some], s.observed[some], skeleton) for s in parts]
+        noise = [_noise_m(s, skeleton) for s in parts]
         error = np.where(np.isfinite(radius), error, np.nan)
         found.append(_Judged(np.concatenate(noise), error, radius, settings.of == "body"))
     return found
 
 
-def _growth(clean: Sequence[_Judged], noisy: Sequence[_Judged], level: float) -> Floats:
-    """(H,) quantile of the needed growth at the aim; 0 if too few recordings are noisy."""
+def _growth(
+    clean: Sequence[_Judged], noisy: Sequence[_Judged], level: float, old: Floats | None
+) -> Floats:
+    """(H,) quantile of the needed growth at the aim; ``old`` where too few recordings show it.
+
+    Raises:
+        ConfigError: too few recordings show it, and there is no ``old``.
+    """
     steps = clean[0].error_m.shape[1]
     knots = sorted({*(k - 1 for k in KNOT_STEPS if k <= steps), steps - 1})
     found = []
@@ -188,6 +233,13 @@ def _growth(clean: Sequence[_Judged], noisy: Sequence[_Judged], level: float) ->
         share = float(np.mean([h.mean() for h in held])) if held else level
         needed = [n for n in (j.needed(step) for j in noisy) if n.size]
         aim = level + max(share - level, 0.0) / 2.0
-        enough = len(needed) >= LEAST_RECORDINGS
-        found.append(min(of_equals(needed, aim), MOST_GROWTH) if enough else 0.0)
+        if len(needed) >= LEAST_RECORDINGS:
+            found.append(min(of_equals(needed, aim), MOST_GROWTH))
+        elif old is not None:
+            found.append(float(old[step]))
+        else:  # 0 would say that zones need not grow
+            raise ConfigError(
+                f"--data: too few recordings ({len(needed)}) are long enough to measure step "
+                f"{step + 1} of {steps}; give {LEAST_RECORDINGS} at least that are longer"
+            )
     return np.interp(np.arange(steps), knots, found)

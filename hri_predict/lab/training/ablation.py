@@ -133,12 +133,26 @@ def configuration(path: Path, data: str, out: str, changes: Sequence[str] = ()) 
             f"{path}: is for '{config.predictor}', but the ablation trains {PREDICTOR}; give "
             f"configs/training/{PREDICTOR}_real.yaml"
         )
+    refuse_refit(config)
     if config.shape.rate_hz != RATE_HZ:
         raise ConfigError(
             f"{path}: shape.rate_hz {config.shape.rate_hz:g}: the evaluation on "
             f"recordings runs at {RATE_HZ:g} Hz; leave it out"
         )
     return config
+
+
+def refuse_refit(config: TrainingConfig) -> None:
+    """Refuse a run that also fits the validation recordings, on which runs are compared.
+
+    Raises:
+        ConfigError: ``data.refit`` is set.
+    """
+    if config.data.get("refit"):
+        raise ConfigError(
+            "training configuration: data.refit: also fits the validation recordings, on which an "
+            "ablation compares; leave it out"
+        )
 
 
 def ablate(config: TrainingConfig) -> str:

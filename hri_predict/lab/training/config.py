@@ -89,6 +89,11 @@ class TrainSettings(Settings):
         return self.epochs * self.steps_per_epoch
 
     @property
+    def last_step(self) -> int:
+        """Step after which the run ends: that of ``stop_after``, or of the whole schedule."""
+        return min(self.stop_after or self.epochs, self.epochs) * self.steps_per_epoch
+
+    @property
     def warmup_steps(self) -> float:
         """Number of warm-up steps: a share of the run, so a short run also reaches the peak."""
         return self.warmup * self.total_steps

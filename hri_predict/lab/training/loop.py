@@ -6,6 +6,7 @@ import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -20,9 +21,11 @@ from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.processes import Processes
 from hri_predict.lab.training.progress import (
+    Finished,
     Progress,
     demand_best_weights,
     digest_of,
+    finished,
     read_progress,
 )
 from hri_predict.lab.training.teachers import Teachers
@@ -35,14 +38,16 @@ from hri_predict.predictors.neural.weights import save_weights
 
 
 def fingerprint(source: SampleSource) -> str:
-    """SHA-256 of the rest pose, one training batch and the first validation windows."""
+    """SHA-256 of the rest pose, one training batch and all validation windows."""
     digest = hashlib.sha256(" ".join(source.actions).encode())
-    tensors: list[Tensor] = [source.rest()]
-    for samples in (source.batch(np.random.default_rng(0), 64), next(source.validation(), None)):
-        if samples is not None:
-            tensors += [samples.history, samples.observed, samples.future, samples.known]
-    for tensor in tensors:
-        digest.update(tensor.contiguous().numpy().tobytes())
+
+    def add(*tensors: Tensor) -> None:
+        for tensor in tensors:
+            digest.update(tensor.contiguous().numpy().tobytes())
+
+    add(source.rest())
+    for samples in chain([source.batch(np.random.default_rng(0), 64)], source.validation()):
+        add(samples.history, samples.observed, samples.future, samples.known)
     return digest.hexdigest()
 
 
@@ -59,7 +64,7 @@ def commit() -> str | None:
 
 # --------------------------------------------------------------------------------------------------
 
-Ending = Literal["epochs done", "no better validation", "out of time", "interrupted"]
+Ending = Finished | Literal["interrupted"]
 _MAY_CHANGE = ("out", "initial_weights")  # between a run and its resumption
 _MAY_CHANGE_TRAIN = ("stop_after", "patience", "max_minutes", "checkpoint_minutes", "threads")
 
@@ -175,24 +180,19 @@ class Run:
         if not resume:
             self._save()
         if self.processes.rank == 0:
-            self.view.started(progress.step, self._until)
-        ending = self._ending(False, False)
+            self.view.started(progress.step, settings.last_step)
+        ending = self._ending(False)
         while ending is None:
-            interrupted, late = self._step()
+            interrupted = self._step()
             at_end = progress.step % settings.steps_per_epoch == 0
             if at_end:
                 self._end_epoch()
-            ending = self._ending(interrupted, late)
+            ending = self._ending(interrupted)
             if not at_end and ending == "out of time":
                 self._end_epoch()
             if not at_end and (ending is not None or self._save_is_due()):
                 self._save()
         return self._result(ending)
-
-    @property
-    def _until(self) -> int:
-        epochs = min(self.settings.stop_after or self.settings.epochs, self.settings.epochs)
-        return epochs * self.settings.steps_per_epoch
 
     @property
     def _done(self) -> float:
@@ -213,17 +213,11 @@ class Run:
             self.processes.same([of_first])
             progress.total_steps = float(of_first)
 
-    def _ending(self, interrupted: bool, late: bool) -> Ending | None:
-        if self.progress.step >= self._until:
-            return "epochs done"
-        if self.settings.patience and self.progress.stale >= self.settings.patience:
-            return "no better validation"
-        if late:
-            return "out of time"
-        return "interrupted" if interrupted else None
+    def _ending(self, interrupted: bool) -> Ending | None:
+        return finished(self.progress, self.settings) or ("interrupted" if interrupted else None)
 
-    def _step(self) -> tuple[bool, bool]:
-        """Take one step; returns whether any process was asked to stop, or is out of time."""
+    def _step(self) -> bool:
+        """Take one step; returns whether any process was asked to stop."""
         batch = self.source.batch(self.rng, self.settings.batch)
         mine, share = self.processes.share(batch)
         window, target = mine.entered(self.entry)
@@ -241,11 +235,11 @@ class Run:
         self._clock = now
         if self.processes.rank == 0:
             self.view.stepped(progress.step, losses["loss"])
-        limit = self.settings.max_minutes
-        late = limit is not None and progress.seconds >= 60.0 * limit
-        flags = torch.tensor([float(self.stop()), float(late)])
-        self.processes.add([flags])
-        return bool(flags[0] > 0), bool(flags[1] > 0)
+        # all processes must end at the same step: any one's stop counts, and their mean time
+        common = torch.tensor([float(self.stop()), progress.seconds], dtype=torch.float64)
+        self.processes.add([common])
+        progress.seconds = float(common[1]) / self.processes.count
+        return bool(common[0] > 0)
 
     def _end_epoch(self) -> None:
         """Validate, keep the best weights, save, and notify the view."""
@@ -334,13 +328,14 @@ class Run:
             self.rng.bit_generator.state = json.loads(state["numpy"])
             if self.settings.device == "cuda":
                 torch.cuda.set_rng_state(state["cuda"])
+            self._refuse_another_count(path, len(state["torch"]))
             torch.set_rng_state(state["torch"][self.processes.rank])
         except HriPredictError:
             raise
         except Exception as error:  # torch's and numpy's failures have no common base
             raise ConfigError(
-                f"checkpoint {path}: has another network, version or number of processes, or is "
-                "damaged; start a new run with another --out"
+                f"checkpoint {path}: has another network or version, or is damaged; "
+                "start a new run with another --out"
             ) from error
 
     def _refuse_another(self, path: Path, was: TrainingConfig, fingerprint: str) -> None:
@@ -358,6 +353,19 @@ class Run:
             raise ConfigError(
                 f"checkpoint {path}: was trained on other data; give the same data, or start "
                 f"another run with --out"
+            )
+
+    def _refuse_another_count(self, path: Path, was: int) -> None:
+        """Each process goes on with its own random numbers; with other counts some would be lost.
+
+        ``was``: the number of random states in the checkpoint; 0 if it is damaged.
+        """
+        if was and was != self.processes.count:
+            torchrun = f"torchrun --nproc-per-node {was} -m hri_predict"
+            start = f"with {torchrun}" if was > 1 else "without torchrun"
+            raise ConfigError(
+                f"checkpoint {path}: its run had {was} process{'es' * (was > 1)}, not "
+                f"{self.processes.count}; start it {start}, or start another run with --out"
             )
 
     def _result(self, ending: Ending) -> Result:

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -41,6 +41,21 @@ class Progress(BaseModel):
     stale: _Count = 0
     best: dict[str, Any] | None = None
     weights: str | None = None
+
+
+Finished = Literal["epochs done", "no better validation", "out of time"]
+
+
+def finished(progress: Progress, settings: TrainSettings) -> Finished | None:
+    """Return why a run takes no more steps with these settings; ``None``: it goes on."""
+    if progress.step >= settings.last_step:
+        return "epochs done"
+    if settings.patience and progress.stale >= settings.patience:
+        return "no better validation"
+    limit = settings.max_minutes
+    if limit is not None and progress.seconds >= 60.0 * limit:
+        return "out of time"
+    return None
 
 
 def read_progress(path: Path, state: dict[str, Any], settings: TrainSettings) -> Progress:

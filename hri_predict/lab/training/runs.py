@@ -21,7 +21,7 @@ from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.loop import Epoch, Result, Run
 from hri_predict.lab.training.parts import part
 from hri_predict.lab.training.processes import Processes
-from hri_predict.lab.training.progress import read_progress
+from hri_predict.lab.training.progress import finished, read_progress
 from hri_predict.lab.training.windows.samples import SampleSource, SampleSourceClass
 from hri_predict.predictors.neural.network import (
     Network,
@@ -79,13 +79,14 @@ def check_run_folder(config: TrainingConfig, resume: bool) -> None:
 
 
 def state(config: TrainingConfig) -> str:
-    """The state of its run: ``new``, a percentage, or ``done``."""
+    """The state of its run: ``new``, a percentage of its steps, or ``done``: it takes no more."""
     if not begun(config):
         return "new"
     path, train = config.out / "last.pt", config.train
-    step = read_progress(path, load_checkpoint(path), train).step
-    until = min(train.stop_after or train.epochs, train.epochs) * train.steps_per_epoch
-    return "done" if step >= until else f"{100 * step // until} %"
+    progress = read_progress(path, load_checkpoint(path), train)
+    if finished(progress, train):
+        return "done"
+    return f"{100 * progress.step // train.last_step} %"
 
 
 def trained(

@@ -12,6 +12,7 @@ from tests.hri_predict.cli.test_calibrate import (  # noqa: F401
     cli,
     folder,
     made,
+    walking,
 )
 
 
@@ -62,3 +63,43 @@ def test_another_predictors_calibration_is_refused(cli, folder, made, tmp_path):
     status, _, err = cli("--predictor", "zero_velocity", "--data", folder, *options)
     assert status == 2
     assert "constant_velocity" in err
+
+
+def some_of(folder, place, *seeds):  # noqa: F811
+    """A folder with a few of the recordings."""
+    place.mkdir()
+    for seed in seeds:
+        (place / f"walking_{seed}.npz").symlink_to(folder / f"walking_{seed}.npz")
+    return place
+
+
+def test_too_few_recordings_leave_the_file_alone(cli, folder, made, tmp_path):  # noqa: F811
+    few, out = some_of(folder, tmp_path / "few", 0, 1, 2), tmp_path / "own.json"
+    out.write_bytes(made.read_bytes())
+    options = ["--noise", "--calibration", out, "--out", out]
+    status, text, err = cli(*CV, "--data", few, *options)
+    assert (status, text) == (2, "")
+    assert err.splitlines()[-1].startswith("error: --data: too few recordings (3): ")
+    assert out.read_bytes() == made.read_bytes()
+
+
+def test_recordings_that_cannot_be_used_are_named_once(cli, folder, made, tmp_path):  # noqa: F811
+    few = some_of(folder, tmp_path / "few", 0, 1, 2)
+    walking(few / "short.npz", 9, frames=30)
+    options = ["--noise", "--calibration", made, "--out", tmp_path / "a.json"]
+    _, _, err = cli(*CV, "--data", few, *options)
+    (line,) = [line for line in err.splitlines() if line.startswith("warning")]
+    assert "short.npz" in line
+    assert line.endswith("; left out")
+
+
+@pytest.mark.parametrize("horizon", ["0.8", "1.21"])
+def test_another_horizon_is_refused(cli, folder, made, tmp_path, monkeypatch, horizon):  # noqa: F811
+    monkeypatch.setattr(
+        "hri_predict.lab.calibration.noise.scores_seen", lambda *_, **__: pytest.fail("forecast")
+    )
+    options = ["--noise", "--calibration", made, "--out", tmp_path / "a.json"]
+    status, _, err = cli(*CV, "--data", folder, *options, "--horizon", horizon)
+    assert status == 2
+    (line,) = err.splitlines()
+    assert f"--horizon {horizon}: the calibration {made} reaches 1.2 s; give --horizon 1.2" in line

@@ -120,10 +120,19 @@ def test_a_recording_without_anybody_is_refused(place, tmp_path, refused, capsys
     assert "no other recording is left; record while people work" in lines[-1]
 
 
-def test_another_horizon_is_refused(place, tmp_path, refused):
-    data = ["--data", place / "site", "--onto", place / "base.json", "--horizon", "0.8"]
+@pytest.mark.parametrize("horizon", ["0.8", "1.21"])  # 1.21 takes one step more
+def test_another_horizon_is_refused(place, tmp_path, refused, horizon):
+    data = ["--data", place / "site", "--onto", place / "base.json", "--horizon", horizon]
     line = refused(*CV, *data, "--out", tmp_path / "site.json")
     assert "reaches 1.2 s; give --horizon 1.2" in line
+
+
+@pytest.mark.parametrize("again", ["0.5", "0.52"])  # 0.52 s is what the base covers
+def test_the_horizon_of_the_base_is_accepted_though_it_is_not_whole_steps(place, tmp_path, again):
+    base, short = tmp_path / "short.json", ["--horizon", "0.5"]
+    assert run(*CV, "--data", place / "many", *short, "--out", base) == 0
+    data = ["--data", place / "site", "--onto", base, "--horizon", again]
+    assert run(*CV, *data, "--out", tmp_path / "site.json") == 0
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.lab.calibration.depth_tracker import DepthTracker
 from hri_predict.lab.calibration.noise import SECONDS, as_recorded, scores_seen, with_noise
 from hri_predict.lab.calibration.presence import Presence
 from hri_predict.lab.calibration.scores import evidence_of
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
-from hri_predict.zones.input_noise import MOST_GROWTH, input_noise_m
+from hri_predict.zones.input_noise import MOST_GROWTH, NoiseGrowth, input_noise_m
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.settings import LEVELS, CoverageSettings
 from tests.hri_predict.zones.conftest import calibration_of
@@ -99,10 +100,46 @@ def test_the_growth_is_that_of_the_radii_without_one(clean, noisy):
         assert (np.diff(table, axis=1) >= 0).all()
 
 
-def test_few_noisy_recordings_say_nothing(clean, noisy):
-    made = with_noise(calibration(0.05), clean=clean, noisy=noisy[:1], skeleton=CANONICAL)
+@pytest.mark.parametrize(
+    ("usable", "delivered", "said"),
+    [
+        (3, 6, r"^--data: too few recordings \(3\): .*; give 4 at least$"),
+        (6, 3, r"^--data: too few recordings \(3\) show a tracker's noise: .*; give 4 at least"),
+        (0, 0, r"^--data: too few recordings \(0\): "),
+    ],
+)
+def test_too_few_recordings_are_refused(clean, noisy, usable, delivered, said):
+    some = {"clean": clean[:usable], "noisy": noisy[:delivered]}
+    with pytest.raises(ConfigError, match=said):
+        with_noise(calibration(0.05), **some, skeleton=CANONICAL)
+
+
+def test_recordings_without_noise_are_too_few(clean):
+    with pytest.raises(ConfigError, match=r"too few recordings \(0\) show a tracker's noise"):
+        with_noise(calibration(0.05), clean=clean, noisy=clean, skeleton=CANONICAL)
+
+
+def short(scores):
+    """The same windows, whose recordings end before the last step, except for three."""
+    found = []
+    for k, entry in enumerate(scores):
+        error = entry.error_m.copy()
+        error[:, -1] = np.nan if k >= 3 else error[:, -1]
+        found.append(replace(entry, error_m=error))
+    return found
+
+
+def test_a_step_of_too_few_recordings_keeps_the_growth_that_it_had(clean, noisy):
+    small = calibration(0.05)
+    with pytest.raises(ConfigError, match=r"too few recordings \(3\) .* step 10 of 10; give 4"):
+        with_noise(small, clean=clean, noisy=short(noisy), skeleton=CANONICAL)
+    tables = {of: np.full((len(LEVELS), 10), 500.0) for of in small.estimated}
+    old = replace(small, noise=NoiseGrowth(tables))
+    made = with_noise(old, clean=clean, noisy=short(noisy), skeleton=CANONICAL)
     assert made.noise is not None
-    assert all((table == 0).all() for table in made.noise.table.values())
+    for table in made.noise.table.values():
+        assert (table[:, -1] == 500.0).all()
+        assert (table[:, 0] < 500.0).all()  # measured again
 
 
 def test_the_begin_of_a_presence_is_scored_and_each_has_its_own_noise(make_recording):

@@ -156,6 +156,7 @@ def test_a_table_that_cannot_be_written_is_told(tmp_path):
             "shape.rate_hz=50",
             "shape.rate_hz 50: the evaluation on recordings runs at 25 Hz",
         ),
+        ("data.refit=true", "data.refit: also fits the validation recordings"),
     ],
 )
 def test_what_cannot_end_well_is_refused_before_the_first_run(
@@ -166,6 +167,38 @@ def test_what_cannot_end_well_is_refused_before_the_first_run(
     assert line.startswith("error: ")
     assert says in line
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("config", sorted(paper_ablation.PAPERS), indirect=True)
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("data.refit=true", "data.refit: also fits the validation recordings"),
+        ("shape.horizon_steps=9", "horizon_steps 9: the table shows 400 ms; give 10 or more"),
+    ],
+)
+def test_a_paper_s_table_that_would_lack_numbers_is_refused_before_the_first_run(
+    ablate, tmp_path, capsys, change, says
+):
+    assert ablate(change) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    assert says in line
+    assert not (tmp_path / "runs").exists()
+
+
+def test_ten_steps_are_enough_for_a_paper_s_table():
+    runs = paper_ablation.configurations("sinn", "data", Path("runs"), ["shape.horizon_steps=10"])
+    assert {run.shape.horizon_steps for run in runs.values()} == {10}
+
+
+def test_sinn_s_figures_are_those_of_its_paper():
+    """Chen et al., CVPR 2024, Table 4, eating: without STA, without SRE and whole."""
+    rows = paper_ablation.PAPERS["sinn"].rows
+    figures = {
+        name.removeprefix("w/o ").split(",")[0]: printed for name, (_, printed) in rows.items()
+    }
+    assert figures == {"whole": 23.7, "SRE": 55.3, "STA": 45.2}
 
 
 def test_a_benchmark_has_no_augmentations(ablate, capsys):

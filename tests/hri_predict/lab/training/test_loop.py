@@ -1,5 +1,6 @@
 """The loop on a small network and windows whose future is their past's continuation."""
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -157,6 +158,16 @@ def test_another_run_is_not_resumed(tmp_path):
 
     with pytest.raises(ConfigError, match="other data"):
         run(tmp_path, resume=True, source=Others())
+
+    class OtherChecks(Walkers):
+        """The last of the validation windows are others."""
+
+        def validation(self):
+            first, last = super().validation()
+            yield from (first, dataclasses.replace(last, future=last.future + 0.1))
+
+    with pytest.raises(ConfigError, match="other data"):
+        run(tmp_path, resume=True, source=OtherChecks())
     with pytest.raises(ConfigError, match="without --resume"):
         run(tmp_path / "nowhere", resume=True)
 
@@ -184,6 +195,16 @@ def test_out_of_time_it_still_judges_and_exports(tmp_path):
     assert result.weights.exists()
     _, longer, _ = run(tmp_path, resume=True)
     assert longer.ending == "epochs done"
+
+
+def test_a_run_out_of_time_takes_no_step_more_until_it_gets_more_time(tmp_path):
+    _, first, _ = run(tmp_path, max_minutes=1e-9)
+    before = first.weights.read_bytes()
+    _, again, view = run(tmp_path, resume=True, max_minutes=1e-9)
+    assert (again.ending, again.steps, view.losses) == ("out of time", 1, [])
+    assert first.weights.read_bytes() == before
+    _, longer, _ = run(tmp_path, resume=True, max_minutes=9.0)
+    assert (longer.ending, longer.steps) == ("epochs done", 16)
 
 
 def test_without_validation_windows_the_newest_weights_are_kept(tmp_path):

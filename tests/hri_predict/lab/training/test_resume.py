@@ -7,8 +7,19 @@ import torch
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.contracts import registry
+from hri_predict.lab.training import loop
 from hri_predict.lab.training.checkpoint import save_checkpoint
-from tests.hri_predict.lab.training.small_run import checkpoint, run
+from hri_predict.lab.training.processes import Processes
+from tests.hri_predict.lab.training.small_run import (
+    SHAPE,
+    Options,
+    Small,
+    Walkers,
+    Watcher,
+    checkpoint,
+    make_config,
+    run,
+)
 
 
 def changed(**values):
@@ -73,6 +84,7 @@ DAMAGE = {
         "or is damaged",
     ),
     "torch": (lambda s: s.update(torch=[3]), "or is damaged"),
+    "torch gone": (lambda s: s.update(torch=[]), "or is damaged"),
     "config": (lambda s: s.update(config="[]"), "or is damaged"),
 }
 
@@ -90,6 +102,28 @@ def test_a_readable_checkpoint_with_wrong_content_is_refused_in_one_line(tmp_pat
     assert said in line
     assert line.endswith("with another --out")
     assert "\n" not in line
+
+
+def test_a_run_of_two_processes_is_not_resumed_by_one(tmp_path):
+    run(tmp_path, stop_after=2)
+    state = checkpoint(tmp_path)
+    state["torch"] = state["torch"] * 2
+    save_checkpoint(tmp_path / "last.pt", state)
+    with pytest.raises(ConfigError) as error:
+        run(tmp_path, resume=True)
+    assert str(error.value) == (
+        f"checkpoint {tmp_path}/last.pt: its run had 2 processes, not 1; start it with torchrun "
+        f"--nproc-per-node 2 -m hri_predict, or start another run with --out"
+    )
+
+
+def test_a_run_of_one_process_is_not_resumed_by_two(tmp_path, monkeypatch):
+    run(tmp_path, stop_after=2)
+    monkeypatch.setattr(Processes, "same", lambda *_: None)  # the other process does not exist
+    network, config = Small(SHAPE, Options()), make_config(tmp_path)
+    two = loop.Run(config, Walkers(), network, Watcher(), processes=Processes(0, 2))
+    with pytest.raises(ConfigError, match="had 1 process, not 2; start it without torchrun, or"):
+        two.go(resume=True)
 
 
 @pytest.mark.parametrize("stop_after", [2, 4])

@@ -2,7 +2,8 @@ import pytest
 
 from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.loop import Epoch
-from hri_predict.lab.training.runs import TrainingView
+from hri_predict.lab.training.runs import TrainingView, state
+from tests.hri_predict.lab.training.small_run import make_config, run
 
 
 @pytest.mark.parametrize(("limit", "left"), [(None, "30.0"), (15.0, "5.0"), (60.0, "30.0")])
@@ -31,3 +32,18 @@ def test_the_time_left_is_that_of_the_epochs_or_of_the_limit(tmp_path, capsys, l
     )
     view.close()
     assert f"10.0 min, {left} min left" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("ended", "longer"),
+    [
+        ({"max_minutes": 1e-9}, {"max_minutes": 9.0}),
+        ({"stop_after": 1}, {"stop_after": 2}),
+        ({"patience": 1, "learning_rate": 1e-30, "ema_decay": 0}, {}),
+    ],
+)
+def test_a_run_that_takes_no_more_steps_is_done(tmp_path, ended, longer):
+    assert state(make_config(tmp_path, **ended)) == "new"
+    run(tmp_path, **ended)
+    assert state(make_config(tmp_path, **ended)) == "done"
+    assert state(make_config(tmp_path, **longer)).endswith(" %")

@@ -18,6 +18,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
 from hri_predict.base.skeleton import make_skeleton
 from hri_predict.lab.training.config import TrainingConfig, load_training_config
+from hri_predict.lab.training.loop import Result
 from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.parts import DATA_SETS
 from hri_predict.lab.training.processes import Processes
@@ -196,6 +197,22 @@ def test_ctrl_c_saves_and_says_how_to_go_on(cli, config, monkeypatch, number):
     assert json.loads(out)["epochs"] == 3
     assert "epoch 1" not in err  # it had ended
     assert "epoch 2" in err
+
+
+def test_ctrl_c_under_torchrun_names_the_command_that_starts_as_many(cli, config, monkeypatch):
+    monkeypatch.setattr(Processes, "join", lambda: Processes(0, 2))
+    monkeypatch.setattr(Processes, "__exit__", lambda *_: None)
+    monkeypatch.setattr(
+        "hri_predict.lab.training.runs.trained",
+        lambda settings, **_: Result(
+            ending="interrupted", epochs=0, steps=1, best_epoch=0, validation=None, minutes=1.0,
+            weights=settings.out / "none",
+        ),
+    )  # fmt: skip
+    status, _, err = cli(config)
+    assert status == 130
+    again = f"torchrun --nproc-per-node 2 -m hri_predict train {config} --resume"
+    assert f"saved; continue with: {again}" in err.splitlines()
 
 
 def test_it_works_without_tensorboard(cli, config, monkeypatch, tmp_path):
