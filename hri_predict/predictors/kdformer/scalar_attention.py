@@ -17,6 +17,8 @@ from hri_predict.base.machine.compiled import kernel, part
 
 Rows = NDArray[np.float32]
 """A row (N, K) for each head of each sequence."""
+Given = tuple[Rows, Rows, Rows]
+"""Queries, keys and values."""
 
 
 def scalar_attention(q: Tensor, k: Tensor, v: Tensor) -> Tensor:
@@ -60,10 +62,10 @@ class _Attention(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, ...]:
-        saved: tuple[Tensor, ...] = ctx.saved_tensors
-        found = _backward(*(_rows(x) for x in (*saved, *gradients)))
+        q, k, v, y = ctx.saved_tensors
+        found = _backward((_rows(q), _rows(k), _rows(v)), _rows(y), _rows(gradients[0]))
         return tuple(
-            torch.from_numpy(x).view(given.shape) for x, given in zip(found, saved, strict=False)
+            torch.from_numpy(x).view(given.shape) for x, given in zip(found, (q, k, v), strict=True)
         )
 
 
@@ -88,8 +90,9 @@ def _forward_by_arrays(q: Rows, k: Rows, v: Rows) -> Rows:
     return result
 
 
-def _backward_by_arrays(q: Rows, k: Rows, v: Rows, y: Rows, g: Rows) -> tuple[Rows, Rows, Rows]:
-    """Return the gradients of q, k and v from those of the output, ``g`` (N, Q)."""
+def _backward_by_arrays(given: Given, y: Rows, g: Rows) -> Given:
+    """Return the gradients of q, k and v from the output ``y`` (N, Q) and its gradients ``g``."""
+    q, k, v = given
     weights = _weights_by_arrays(q, k) * g[..., None]
     moves = weights * (v[:, None] - y[..., None])
     return (moves @ k[..., None])[..., 0], (moves * q[..., None]).sum(1), weights.sum(1)
@@ -107,11 +110,12 @@ _ONE = np.float32(1.0)
 
 
 @part
-def _exponentials(q: Any, most: Any, k: Any, fraction: Any, power: Any) -> None:
-    """exp(q k - most), at most 1, as ``fraction`` times the number with the bits ``power``.
+def _exponentials(q: Any, k: Any, most: Any, found: Any) -> None:
+    """exp(q k - most), at most 1, as a fraction times the number with the bits of a power.
 
     numba has no exponential of several numbers at once.
     """
+    fraction, power = found
     for j in range(len(k)):
         exponent = (q * k[j] - most) * _LOG2_E
         exponent = exponent if exponent > _LEAST else _LEAST
@@ -131,7 +135,7 @@ def _forward_by_loops(q: Rows, k: Rows, v: Rows) -> Rows:
         least, largest = k[n].min(), k[n].max()
         for i in range(q.shape[1]):
             one = q[n, i]
-            _exponentials(one, max(one * least, one * largest), k[n], fraction, power)
+            _exponentials(one, k[n], max(one * least, one * largest), (fraction, power))
             norm = total = np.float32(0.0)
             for j in range(keys):
                 weight = fraction[j] * scale[j]
@@ -141,7 +145,8 @@ def _forward_by_loops(q: Rows, k: Rows, v: Rows) -> Rows:
     return y
 
 
-def _backward_by_loops(q: Rows, k: Rows, v: Rows, y: Rows, g: Rows) -> tuple[Rows, Rows, Rows]:
+def _backward_by_loops(given: Given, y: Rows, g: Rows) -> Given:
+    q, k, v = given
     keys = k.shape[1]
     dq, dk, dv = np.empty_like(q), np.zeros_like(k), np.zeros_like(k)
     weight, power = np.empty(keys, np.float32), np.empty(keys, np.int32)
@@ -151,19 +156,19 @@ def _backward_by_loops(q: Rows, k: Rows, v: Rows, y: Rows, g: Rows) -> tuple[Row
         key, value, dkey, dvalue = k[n].copy(), v[n].copy(), dk[n], dv[n]
         for i in range(q.shape[1]):
             one = q[n, i]
-            _exponentials(one, max(one * least, one * largest), key, weight, power)
+            _exponentials(one, key, max(one * least, one * largest), (weight, power))
             norm = np.float32(0.0)
             for j in range(keys):
                 weight[j] *= scale[j]
                 norm += weight[j]
-            given = g[n, i] / norm
+            share = g[n, i] / norm
             total = np.float32(0.0)
             for j in range(keys):
                 moves = weight[j] * (value[j] - y[n, i])
                 total += moves * key[j]
-                dkey[j] += moves * given * one
-                dvalue[j] += weight[j] * given
-            dq[n, i] = total * given
+                dkey[j] += moves * share * one
+                dvalue[j] += weight[j] * share
+            dq[n, i] = total * share
     return dq, dk, dv
 
 

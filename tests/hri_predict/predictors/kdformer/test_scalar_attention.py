@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from hri_predict.base.machine import compiled
 from hri_predict.predictors.kdformer import scalar_attention as module
 from hri_predict.predictors.kdformer.scalar_attention import scalar_attention
 
@@ -58,11 +59,12 @@ def test_loops_and_arrays_give_the_same(scale):
     np.testing.assert_allclose(module._forward(q, k, v), by_arrays, rtol=1e-4, atol=1e-5)
     g = np.random.default_rng(3).normal(size=by_arrays.shape).astype(np.float32)
     for mine, other in zip(
-        module._backward(q, k, v, by_arrays, g),
-        module._backward_by_arrays(q, k, v, by_arrays, g),
+        module._backward((q, k, v), by_arrays, g),
+        module._backward_by_arrays((q, k, v), by_arrays, g),
         strict=True,
     ):
         np.testing.assert_allclose(mine, other, rtol=1e-3, atol=1e-4 * (1 + scale))
+    assert not compiled._FAILED  # else both were arrays
 
 
 def test_weights_far_below_the_largest_vanish():
