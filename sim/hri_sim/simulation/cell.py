@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from hri_predict.base.clock import Clock
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import validated
@@ -97,6 +99,30 @@ def with_scenario(config: Config, scenario: Scenario) -> Config:
     return replace(config, source=source, links=tuple(links))
 
 
+_MOVED = (("people", "exits"), ("people", "entrances"), ("source", "field_of_view"))
+"""Settings of places that the people stage compares with bodies, before an episode moves them."""
+
+
+def _demand_movable(config: Config) -> None:
+    """Check that no setting ties people to places: each episode draws theirs around the robots.
+
+    Raises:
+        ConfigError: one does.
+    """
+    source = config.source
+    if not np.allclose(source.room_from_source.matrix(), np.eye(4), atol=1e-9):
+        raise ConfigError(
+            f"{config.place('source', 'room_from_source')}: a simulation draws people's places "
+            f"around the robots, in the room frame; remove this key"
+        )
+    for block, key in _MOVED:
+        if getattr(source if block == "source" else config.node.people, key):
+            raise ConfigError(
+                f"{config.place(block, key)}: a simulation computes people before it moves them to "
+                f"their places, where this key would not count; remove it"
+            )
+
+
 def _start(link: LinkSettings) -> dict[str, Any]:
     simulate = link.simulate or {}
     return {key: simulate[key] for key in ("start_s", "fault_seed")}
@@ -128,6 +154,7 @@ class Cell:
                 f"{config.path}: links: every link needs a 'simulate:' block, because a simulation "
                 f"has no hardware (see the shipped simulate.yaml)"
             )
+        _demand_movable(config)
         self.config = config
         self._known: dict[str, tuple[Config, Calibration | None]] = {}
         self.predictor = predictor or assemble.build_predictor(config)
