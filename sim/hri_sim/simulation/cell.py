@@ -14,13 +14,11 @@ from hri_predict.contracts.predictor import Predictor
 from hri_predict.contracts.source import Source
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.robots.model import RobotModel
 from hri_predict.robots.tracker import RobotTracker
-from hri_predict.robots.trajectory import Trajectory
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.zones.calibration import Calibration
-from hri_sim.controllers.station import Post, posts
+from hri_sim.controllers.station import Drive, Post, posts
 from hri_sim.simulation.approach import ApproachSettings
 from hri_sim.simulation.scenario import Scenario, Workspace
 
@@ -99,6 +97,28 @@ def with_scenario(config: Config, scenario: Scenario) -> Config:
     return replace(config, source=source, links=tuple(links))
 
 
+def manned(config: Config) -> tuple[list[Post], list[Drive]]:
+    """Return the post at the far end of each link, and each robot's drive.
+
+    Raises:
+        ConfigError: a link or a robot is not simulated, so that no referee could judge it.
+    """
+    if not config.links or any(link.simulate is None for link in config.links):
+        raise ConfigError(
+            f"{config.path}: links: every link needs a 'simulate:' block, because a simulation "
+            f"has no hardware (see the shipped simulate.yaml)"
+        )
+    found = posts(config.links, config.node.robots, config.base_dir)
+    drives = {post.robot.name: post.drive for post in found if post.drive is not None}
+    for robot in config.node.robots:
+        if robot.name not in drives:
+            raise ConfigError(
+                f"{config.path}: robot '{robot.name}' has no simulated drive; add a link with "
+                f"'simulate: {{role: drive}}'"
+            )
+    return found, [drives[robot.name] for robot in config.node.robots]
+
+
 _MOVED = (("people", "exits"), ("people", "entrances"), ("source", "field_of_view"))
 """Settings of places that the people stage compares with bodies, before an episode moves them."""
 
@@ -149,27 +169,13 @@ class Cell:
                 f"{config.path}: source.kind is '{config.source.kind}'; a simulation needs "
                 f"'approach' (see the shipped simulate.yaml)"
             )
-        if not config.links or any(link.simulate is None for link in config.links):
-            raise ConfigError(
-                f"{config.path}: links: every link needs a 'simulate:' block, because a simulation "
-                f"has no hardware (see the shipped simulate.yaml)"
-            )
         _demand_movable(config)
         self.config = config
         self._known: dict[str, tuple[Config, Calibration | None]] = {}
+        self._posts, drives = manned(config)
         self.predictor = predictor or assemble.build_predictor(config)
-        self._posts = posts(config.links, config.node.robots, config.base_dir)
-        drives = {p.robot.name: p.drive for p in self._posts if p.drive is not None}
-        self.models: list[RobotModel] = []
-        self.trajectories: list[Trajectory] = []
-        for robot in config.node.robots:
-            if robot.name not in drives:
-                raise ConfigError(
-                    f"{config.path}: robot '{robot.name}' has no simulated drive; add a link with "
-                    f"'simulate: {{role: drive}}'"
-                )
-            self.models.append(drives[robot.name].model)
-            self.trajectories.append(drives[robot.name].trajectory)
+        self.models = [drive.model for drive in drives]
+        self.trajectories = [drive.trajectory for drive in drives]
         self.workspace = Workspace.of(list(zip(self.models, self.trajectories, strict=True)))
 
     @property

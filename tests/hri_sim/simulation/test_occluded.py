@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.run import config as configuration
 from hri_sim.simulation import occluded
 from hri_sim.simulation.occluded import draw, simulate
@@ -27,6 +28,23 @@ def test_a_run_is_played_in_parts(monkeypatch):
     monkeypatch.setattr(occluded, "play", lambda request, index: [index])
     parts = replace(REQUEST, first=40, episodes=3)
     assert list(simulate(parts, lambda k, n: None)) == [40, 41, 42]
+
+
+def test_a_robot_without_a_drive_is_refused_before_the_first_episode(tmp_path, monkeypatch):
+    """Without its drive no referee could see a touch, and the table would say 0."""
+    monkeypatch.setattr(occluded, "play", None)
+    robot = """\
+  - name: other
+    model: ur5e
+    room_from_robot: {xyz: [4, 0, 0]}
+    max_speed_m_s: 1.0
+    motion: {kind: standing, positions: [0, 0, 0, 0, 0, 0]}
+"""
+    text = CONFIG.read_text(encoding="utf-8").replace("risk:\n", robot + "risk:\n", 1)
+    path = tmp_path / "two.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match="robot 'other' has no simulated drive; add a link"):
+        list(simulate(replace(REQUEST, config=path), lambda k, n: None))
 
 
 def test_everybody_is_shown_once_unless_the_source_sees_free_space():

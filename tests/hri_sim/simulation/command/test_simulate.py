@@ -112,6 +112,7 @@ def test_a_mistake_is_one_line_and_status_2(cli, arguments, message, tmp_path, m
         (["--mode", "bogus"], "--mode bogus: unknown (iso, predictive, hybrid, reactive, fixed)"),
         (["--mode", "foreknown"], "--mode foreknown: unknown"),
         (["--predictor", "sinn=w"], "--predictor sinn=w: not with --occlude"),
+        (["live_udp.yaml"], "links: every link needs a 'simulate:' block"),
         (["--rates", "0.01"], "rates"),
         (["--rates", "nan"], "rates"),
         (["--rates", "1000"], "rates"),
