@@ -25,9 +25,9 @@ from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
-from hri_sim.baseline_demo import BASELINE
 from hri_sim.simulation.cell import manned
 from hri_sim.simulation.request import OcclusionRequest, OcclusionRow
+from hri_sim.simulation.work import with_predictor
 
 # -- space that boxes hide from cameras, as polygons on the floor: ``source.shadows`` --------------
 
@@ -278,9 +278,7 @@ def play(request: OcclusionRequest, index: int) -> list[OcclusionRow]:
 
 def _base(request: OcclusionRequest) -> Config:
     config = configuration.load(request.config).quiet()
-    if request.predictor is None:
-        return config.with_predictor(**BASELINE)
-    return config.with_predictor(request.predictor)
+    return config if request.predictor is None else with_predictor(config, request.predictor)
 
 
 def _possible(base: Config, request: OcclusionRequest, index: int) -> Episode:

@@ -11,6 +11,7 @@ from hri_sim.simulation import occluded
 from hri_sim.simulation.occluded import draw, simulate
 from hri_sim.simulation.request import OcclusionRequest
 
+CHEAP = "constant_velocity"
 CONFIG = configuration.shipped("simulate.yaml")
 REQUEST = OcclusionRequest(config=Path(CONFIG), episodes=2, modes=("predictive", "iso", "fixed"))
 
@@ -28,6 +29,21 @@ def test_a_run_is_played_in_parts(monkeypatch):
     monkeypatch.setattr(occluded, "play", lambda request, index: [index])
     parts = replace(REQUEST, first=40, episodes=3)
     assert list(simulate(parts, lambda k, n: None)) == [40, 41, 42]
+
+
+def test_the_predictor_is_the_configurations_unless_another_is_named(tmp_path):
+    text = CONFIG.read_text(encoding="utf-8").replace("name: average", "name: constant_velocity")
+    path = tmp_path / "cell.yaml"
+    path.write_text(text.replace("horizon_s: 1.2", "horizon_s: 1.4\n  span_s: 0.3"), "utf-8")
+    named = {
+        name: occluded._base(replace(REQUEST, config=path, predictor=name)).predictor
+        for name in (None, "constant_velocity", "zero_velocity")
+    }
+    assert named[None].name == "constant_velocity"
+    assert named[None].span_s == 0.3
+    assert named["constant_velocity"] == named[None]
+    assert named["zero_velocity"].name == "zero_velocity"
+    assert named["zero_velocity"].horizon_s == 1.4
 
 
 def test_a_robot_without_a_drive_is_refused_before_the_first_episode(tmp_path, monkeypatch):
@@ -59,7 +75,7 @@ def test_everybody_is_shown_once_unless_the_source_sees_free_space():
 @pytest.mark.long
 @pytest.mark.parametrize("free_space", [False, True])
 def test_nobody_is_touched_by_a_moving_robot(free_space):
-    request = replace(REQUEST, episodes=1, seed=12, free_space=free_space)
+    request = replace(REQUEST, episodes=1, seed=12, free_space=free_space, predictor=CHEAP)
     done = []
     rows = list(simulate(request, lambda k, n: done.append((k, n))))
     assert [row.mode for row in rows] == ["predictive", "iso", "fixed"]

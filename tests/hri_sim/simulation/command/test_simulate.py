@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hri_predict.cli import main
+from hri_sim.simulation.request import OcclusionRow
 
 
 @pytest.fixture
@@ -130,6 +131,23 @@ def test_a_mistake_with_occlude_is_one_line_and_status_2(cli, arguments, message
     status, out, err = cli("--occlude", "--episodes", "1", *arguments)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert message in err
+
+
+@pytest.mark.parametrize(
+    ("more", "predictor"),
+    [((), "average"), (("--predictor", "constant_velocity"), "constant_velocity")],
+)
+def test_the_table_of_occluded_episodes_names_the_predictor(cli, monkeypatch, more, predictor):
+    row = OcclusionRow(
+        index=0, mode="iso", contacts=0, contacts_standing=0, permitted=0.1, lost=0.5
+    )
+    monkeypatch.setattr("hri_sim.simulation.occluded.simulate", lambda request, count: [row])
+    given = ["--occlude", "--episodes", "1", "--mode", "iso", *more]
+    status, out, err = cli(*given)
+    assert status == 0, err
+    assert f"predictor {predictor}" in " ".join(out.split())
+    _, out, _ = cli(*given, "--json")
+    assert json.loads(out)["request"]["predictor"] == predictor
 
 
 def test_a_recording_named_twice_is_refused(cli, tmp_path):
