@@ -26,6 +26,7 @@ from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
 from hri_sim.simulation.cell import manned
+from hri_sim.simulation.inputs import read_files
 from hri_sim.simulation.request import OcclusionRequest, OcclusionRow
 from hri_sim.simulation.work import with_predictor
 
@@ -320,12 +321,13 @@ def simulate(
     Raises:
         HriPredictError: the configuration cannot be simulated.
     """
-    manned(_base(request))
+    base = _base(request)
+    manned(base)
     indices = range(request.first, request.first + request.episodes)
     progress(0, request.episodes)
     tasks = [(request, index) for index in indices]
     found: dict[int, list[OcclusionRow]] = {}
-    with workers_for(request.jobs, request.cluster, [request.config]) as workers:
+    with workers_for(request.jobs, request.cluster, read_files([base], [])) as workers:
         for done, (place, rows) in enumerate(workers.each(play, tasks), 1):
             found[place] = rows
             progress(done, request.episodes)

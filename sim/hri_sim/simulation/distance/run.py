@@ -9,7 +9,7 @@ from statistics import median
 from typing import Any
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.base.files import atomic_write
+from hri_predict.base.files import YAML_ENDINGS, atomic_write
 from hri_predict.base.looks import can_plot
 from hri_predict.base.work.workers_for import workers_for
 from hri_predict.cli.common import warn, writing
@@ -35,6 +35,7 @@ from hri_sim.simulation.distance.work import (
     measure,
     measure_terms,
 )
+from hri_sim.simulation.inputs import read_files, recorded
 from hri_sim.simulation.request import DistanceRequest, SimulationReport
 
 ACTIVITIES = ("window", "tools", "talking")
@@ -76,12 +77,20 @@ def run(request: DistanceRequest, progress: Callable[..., None]) -> SimulationRe
     tasks = [(measure_terms, plan, first), *((measure, plan, case) for case in cases)]
     done: dict[int, Any] = {}
     progress(0, len(tasks))
-    with workers_for(request.jobs, request.cluster) as workers:
+    with workers_for(request.jobs, request.cluster, _reads(plan, cases)) as workers:
         for place, result in workers.each(_call, tasks):
             done[place] = result
             progress(len(done), len(tasks), "terms" if place == 0 else _name(cases[place - 1]))
     found = [(case, done[place]) for place, case in enumerate(cases, start=1)]
     return _report(request, plan, found=found, terms=(first, done[0]), notes=notes)
+
+
+def _reads(plan: DistancePlan, cases: Sequence[Case]) -> list[Path]:
+    """Return the files that determine the distances, except for those of the installation."""
+    configs = [cell_of(plan, name) for name in dict.fromkeys(case.predictor for case in cases)]
+    trackers = dict.fromkeys(case.sight.tracker for case in cases)
+    maps = [Path(name) for name in trackers if name and name.endswith(YAML_ENDINGS)]
+    return read_files(configs, [*recorded(case.activity.motion for case in cases), *maps])
 
 
 def _name(case: Case) -> str:

@@ -4,9 +4,13 @@ import json
 import sys
 import time
 
+import numpy as np
 import pytest
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import data_path
 from hri_predict.cli import main
+from hri_predict.run import config as configuration
 from hri_sim.simulation.command.shown import counting
 
 QUICK = ["--distance", "--activity", "talking", "--noise", "0", "--seconds", "4", "--jobs", "1",
@@ -110,3 +114,30 @@ def test_a_cell_without_a_path_is_refused_before_any_worker_starts(cli, monkeypa
     status, _, err = cli(*QUICK, "--tracker", "full", "live_udp.yaml")
     assert status == 2
     assert "motion: {kind: state, plan: pick_and_place}" in err
+
+
+def test_workers_of_a_cluster_must_have_the_same_files(cli, tmp_path, monkeypatch):
+    """Without a check, another machine would measure another recording, path or tracker."""
+    read = []
+
+    def workers_for(jobs, cluster, reads=()):
+        read.extend(path.name for path in reads)
+        raise ConfigError("ends here")
+
+    monkeypatch.setattr("hri_sim.simulation.distance.run.workers_for", workers_for)
+    text = configuration.shipped("working_distance.yaml").read_text(encoding="utf-8")
+    for folder, name in (("trajectories", "pick_and_place"), ("skeletons", "coco17")):
+        copy = tmp_path / f"own_{name}.yaml"
+        copy.write_bytes(data_path(folder, f"{name}.yaml").read_bytes())
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(text.replace("pick_and_place", "own_pick_and_place.yaml"), encoding="utf-8")
+    rest = np.array([[x, y, 0.7] for y in (0.25, 0.1, -0.1) for x in (0.2, -0.2)])
+    positions = rest + 0.1 * np.sin(np.arange(120) / 30)[:, None, None]
+    np.savez(tmp_path / "arms.npz", positions=positions.astype(np.float32), fps=np.float32(30))
+    status, _, err = cli(
+        *("--distance", "--activity", tmp_path / "arms.npz", "--noise", "0", "--jobs", "1"),
+        *("--predictor", "constant_velocity", "--tracker", tmp_path / "own_coco17.yaml", cell),
+    )
+    assert status == 2, err
+    assert "ends here" in err
+    assert set(read) == {"cell.yaml", "own_pick_and_place.yaml", "arms.npz", "own_coco17.yaml"}
