@@ -261,7 +261,7 @@ class Station(Generic[U]):
         """Process units received by ``now_ns``, decide, move the arm; return the units to send."""
         self.core.receive(units, now_ns)
         permit = self.core.permit(now_ns)
-        self._wiring.set_permit(self.post.name, permit.speed_m_s, now_ns, permit.cause)
+        self._wiring.set_permit(self.post.name, permit.speed_m_s, now_ns, cause=permit.cause)
         if self._arm is None:
             self.core.obey(permit, now_ns)
             truth = self._wiring.truth()

@@ -107,7 +107,7 @@ class Wiring:
             os.close(descriptor)
 
     def set_permit(
-        self, channel: str, speed_m_s: float, now_ns: int, cause: str = NO_PERMIT
+        self, channel: str, speed_m_s: float, now_ns: int, *, cause: str = NO_PERMIT
     ) -> None:
         """Set the speed that ``channel`` permits, and why: a level or a watchdog."""
         self._write(self._channels[channel], now_ns, [speed_m_s, float(_CAUSES.index(cause))])

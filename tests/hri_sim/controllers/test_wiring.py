@@ -40,11 +40,11 @@ def test_the_lowest_permit_comes_with_its_cause(tmp_path: Path):
     channels = ["drive", "monitor"]
     path = tmp_path / "wires"
     for wires in (Wiring.in_memory(channels), Wiring.create(path, channels)):
-        wires.set_permit("drive", 1.0, 10, "clear")
-        wires.set_permit("monitor", 0.0, 10, "stop")
+        wires.set_permit("drive", 1.0, 10, cause="clear")
+        wires.set_permit("monitor", 0.0, 10, cause="stop")
         assert wires.lowest_permit(10) == (0.0, "stop")
         for at_ns, cause in enumerate(get_args(Watchdog), start=20):
-            wires.set_permit("monitor", 0.0, at_ns, cause)
+            wires.set_permit("monitor", 0.0, at_ns, cause=cause)
             assert wires.lowest_permit(at_ns) == (0.0, cause)
         assert wires.lowest_permit(100 + STALE_NS) == (0.0, "other channel")  # nobody is there
         wires.close()
