@@ -49,6 +49,22 @@ def test_a_table_files_and_the_same_as_json(cli, tmp_path):
 
 
 @pytest.mark.long
+def test_the_terms_are_those_of_a_mode_that_a_node_can_have(cli, tmp_path):
+    """Zones of the true future are not made of the terms."""
+    given = [*QUICK, "--tracker", "full", "--mode", "foreknown"]
+    status, out, err = cli(*given, "--mode", "iso", "--json")
+    assert status == 0, err
+    data = json.loads(out)
+    assert data["waterfall"]["mode"] == "iso"
+    iso_m = data["cases"][0]["modes"]["iso"]["distance_m"]
+    assert data["waterfall"]["total_m"] == pytest.approx(iso_m, abs=0.03)  # each to its own step
+    status, out, err = cli(*given, "--out", tmp_path)
+    assert status == 0, err
+    assert "Contributions" not in out
+    assert json.loads((tmp_path / "distance.json").read_text())["waterfall"] is None
+
+
+@pytest.mark.long
 def test_without_matplotlib_there_are_tables_alone(cli, tmp_path, no_matplotlib):
     status, _, err = cli(*QUICK, "--mode", "iso", "--tracker", "full", "--out", tmp_path)
     assert (status, err.count(no_matplotlib)) == (0, 1)
