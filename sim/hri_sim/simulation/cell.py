@@ -126,6 +126,8 @@ _MOVED = (("people", "exits"), ("people", "entrances"), ("source", "field_of_vie
 def _demand_movable(config: Config) -> None:
     """Check that no setting ties people to places: each episode draws theirs around the robots.
 
+    Nor may the source have faults, which only the repeated episodes of the whole node would have.
+
     Raises:
         ConfigError: one does.
     """
@@ -134,6 +136,11 @@ def _demand_movable(config: Config) -> None:
         raise ConfigError(
             f"{config.place('source', 'room_from_source')}: a simulation draws people's places "
             f"around the robots, in the room frame; remove this key"
+        )
+    if source.faults:
+        raise ConfigError(
+            f"{config.place('source', 'faults')}: a simulation of approaches has no faults of the "
+            f"source; remove this key"
         )
     for block, key in _MOVED:
         if getattr(source if block == "source" else config.node.people, key):

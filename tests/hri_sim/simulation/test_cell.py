@@ -29,10 +29,11 @@ def written(tmp_path, source="", more=""):
         ),
         ("", f"people: {{exits: {DOOR}}}\n", "people.exits"),
         ("", f"people: {{entrances: {DOOR}}}\n", "people.entrances"),
+        ("  faults: [{kind: drop, probability: 0.5}]\n", "", "source.faults"),
         (f"  field_of_view: {DOOR[1:-1]}\n", "", "source.field_of_view"),
     ],
 )
-def test_places_of_a_room_are_refused_with_their_line(tmp_path, source, more, key):
+def test_what_approaches_cannot_follow_is_refused_with_its_line(tmp_path, source, more, key):
     config = written(tmp_path, source, more)
     with pytest.raises(ConfigError, match=rf"cell\.yaml:\d+: {key}: .*; remove") as error:
         Cell(config)

@@ -86,6 +86,7 @@ def test_without_the_data_pack_the_alternatives_are_named(cli, tmp_path, monkeyp
         (["--predictor", "kalman", "--calibration", "none.json"], "none.json"),
         (["--split", "tset"], "--split tset: unknown; did you mean 'test'"),
         (["--split", "test_motion"], "--split test_motion: has no effect on procedural"),
+        (["--joint-map", "coco17"], "--joint-map: has no effect on procedural people alone"),
         (["--data", "procedural", "--data", "procedural"], "procedural is named twice"),
         (["--episodes", "0"], "episodes"),
         (["--people", "9"], "people"),
