@@ -40,7 +40,7 @@ def test_the_predictor_is_the_configurations_unless_another_is_named(tmp_path):
         for name in (None, "constant_velocity", "zero_velocity")
     }
     assert named[None].name == "constant_velocity"
-    assert named[None].span_s == 0.3
+    assert named[None].model_dump()["span_s"] == 0.3
     assert named["constant_velocity"] == named[None]
     assert named["zero_velocity"].name == "zero_velocity"
     assert named["zero_velocity"].horizon_s == 1.4

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.base.arrays import Floats
+from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.predictor import Predictor
 from hri_predict.contracts.source import SourceSettings
@@ -187,9 +187,9 @@ class PlacedPerson:
     def middle(self) -> Floats:
         """Return (2,), the person's mean position in the time that is judged, seen or not."""
         motion = load_motion(self._case.activity.motion, self._settings.rate_hz)
-        shown = motion.observed.any(axis=1)  # a tracker loses people
+        shown: Bools = motion.observed.any(axis=1)  # a tracker loses people
         at_s = motion.capture_ns * 1e-9
-        judged = shown & (at_s >= WARM_S) & (at_s <= self._plan.seconds)
+        judged: Bools = shown & (at_s >= WARM_S) & (at_s <= self._plan.seconds)
         if not judged.any():
             judged = shown
         place: Floats = np.nanmean(motion.positions[judged, :, :2], axis=1).mean(axis=0)

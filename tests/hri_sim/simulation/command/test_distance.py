@@ -134,7 +134,7 @@ def test_a_cell_without_a_path_is_refused_before_any_worker_starts(cli, monkeypa
 
 def test_workers_of_a_cluster_must_have_the_same_files(cli, tmp_path, monkeypatch):
     """Without a check, another machine would measure another recording, path or tracker."""
-    read = []
+    read: list[str] = []
 
     def workers_for(jobs, cluster, reads=()):
         read.extend(path.name for path in reads)
