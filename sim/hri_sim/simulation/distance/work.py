@@ -187,7 +187,7 @@ class PlacedPerson:
     def middle(self) -> Floats:
         """Return (2,), the person's mean position in the time that is judged, seen or not."""
         motion = load_motion(self._case.activity.motion, self._settings.rate_hz)
-        shown: Bools = motion.observed.any(axis=1)  # a tracker loses people
+        shown: Bools = np.asarray(motion.observed.any(axis=1))  # a tracker loses people
         at_s = motion.capture_ns * 1e-9
         judged: Bools = shown & (at_s >= WARM_S) & (at_s <= self._plan.seconds)
         if not judged.any():
