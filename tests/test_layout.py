@@ -60,8 +60,8 @@ MAY_IMPORT = {  # from the ground up
     "hri_sim.fault_table": f"{RUN} hri_drivers.wires hri_drivers.links hri_sim.people "
     "hri_sim.robot_server hri_sim.wires hri_sim.senders hri_sim.faults hri_sim.controllers "
     "hri_sim.baseline_demo",
-    "hri_sim.simulation": f"{RUN} lab library cli hri_sim.people hri_sim.replay hri_sim.referee "
-    "hri_sim.controllers hri_sim.baseline_demo",
+    "hri_sim.simulation": f"{RUN} lab library commissioning cli hri_sim.people hri_sim.replay "
+    "hri_sim.referee hri_sim.controllers",
     "hri_sim.bench": f"{RUN} lab library cli hri_drivers.wires hri_drivers.links hri_sim.people "
     "hri_sim.referee hri_sim.wires hri_sim.senders hri_sim.robot_server hri_sim.fault_table "
     "hri_sim.simulation",

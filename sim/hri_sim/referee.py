@@ -78,8 +78,8 @@ class Tally:
         min_separation_m: smallest distance of any body from any robot, at most 0 after a touch;
             ``None`` before the first person.
         moving_separation_m: the same while the robot moved (faster than 10 mm/s).
-        violation_s, violation_m: time that a robot moved (faster than 10 mm/s) while a person was
-            nearer than C + Z_d + Z_r, and the maximum shortfall.
+        violation_s, violation_m: time in which any robot moved (faster than 10 mm/s) while a person
+            was nearer to it than C + Z_d + Z_r, and the maximum shortfall.
     """
 
     contacts: int = 0
@@ -138,6 +138,7 @@ class Referee(Tally):
         if people:
             ids = sorted(people)
             bodies = self._bodies(ids, people, times)
+            near = np.zeros(len(times), dtype=bool)
             for name, (q, qd) in robots.items():
                 robot, speed = self._motion(name, q, qd, times)
                 gaps = self._judge(
@@ -148,7 +149,8 @@ class Referee(Tally):
                     speed=speed,
                     elapsed_s=elapsed_s,
                 )
-                self._measure(gaps.min(axis=0)[speed > MOVING_M_S], elapsed_s / len(times))
+                near |= self._too_near(gaps.min(axis=0), speed)
+            self.violation_s += elapsed_s / len(times) * np.count_nonzero(near)
         gone = [key for key in self._touches if key[0] not in people]
         for key in gone:
             del self._touches[key]
@@ -235,14 +237,18 @@ class Referee(Tally):
             for gap, fastest in zip(row.tolist(), speed.tolist(), strict=True):
                 self._follow(touch, gap, fastest)
 
-    def _measure(self, gaps: Floats, step_s: float) -> None:
-        """Add distances (M,) at instants, ``step_s`` apart, at which a robot moved."""
-        least = float(gaps.min(initial=np.inf))
+    def _too_near(self, gaps: Floats, speed: Floats) -> Bools:
+        """Measure one robot's distances (M,), m, at instants with the speed (M,) of its fastest
+        point; return at which ones it moves nearer than permitted (M,).
+        """
+        moving = speed > MOVING_M_S
+        least = float(gaps[moving].min(initial=np.inf))
         if math.isfinite(least):
             known = self.moving_separation_m
             self.moving_separation_m = least if known is None else min(known, least)
             self.violation_m = max(self.violation_m, self._clearance_m - least)
-        self.violation_s += step_s * np.count_nonzero(gaps < self._clearance_m)
+        near: Bools = moving & (gaps < self._clearance_m)
+        return near
 
     def _follow(self, touch: _Touch, gap: float, fastest: float) -> None:
         if gap > RELEASE_M:

@@ -238,6 +238,31 @@ def test_a_violation_is_time_and_depth_of_moving_too_near():
     assert referee.min_separation_m == pytest.approx(0.1)
 
 
+class Other(Ball):
+    """Another robot of the same kind."""
+
+    name = "other"
+
+
+def test_time_too_near_two_robots_counts_once():
+    referee = Referee([Ball(), Other()], 0.3)  # type: ignore[list-item]
+    here, gap = {1: forearm(1.0)}, 1.0 - TOUCH
+    state = np.array([gap - 0.2]), np.array([0.5])
+    for k in range(6):
+        referee.observe(40 * k * MS, here, {"ball": state, "other": state})
+    assert referee.violation_s == pytest.approx(0.2)
+    far = np.array([gap - 2.0]), np.array([0.5])
+    referee = Referee([Ball(), Other()], 0.3)  # type: ignore[list-item]
+    referee.observe(0, here, {"ball": state, "other": far})
+    referee.observe(200 * MS, here, {"ball": far, "other": state})  # one after the other
+    apart_s = referee.violation_s
+    referee = Referee([Ball(), Other()], 0.3)  # type: ignore[list-item]
+    referee.observe(0, here, {"ball": state, "other": far})
+    referee.observe(200 * MS, here, {"ball": far, "other": far})
+    assert apart_s == pytest.approx(2 * referee.violation_s, abs=0.011)
+    assert referee.violation_s > 0
+
+
 def test_a_source_that_knows_the_truth_is_asked_for_it():
     settings = {"kind": "procedural", "noise_m": 0.05, "joint_map": "coco17"}
     source = ProceduralSource(validated(ProceduralSettings, settings, "source"))

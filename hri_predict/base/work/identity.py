@@ -20,11 +20,21 @@ _LIBRARIES = ("hri-predict", "numpy", "torch", "onnxruntime", "numba")
 @lru_cache(maxsize=1)
 def code_digest() -> str:
     """Return the SHA-256 of the installed code, weights, calibrations and robots."""
+    return _digest_of_folders(_installed(), _DECIDING)
+
+
+def is_installed(path: Path) -> bool:
+    """Return whether ``code_digest`` covers a file."""
+    inside = any(path.absolute().is_relative_to(folder.absolute()) for folder in _installed())
+    return inside and path.suffix in _DECIDING
+
+
+def _installed() -> list[Path]:
     found = [util.find_spec(package) for package in _PACKAGES]
     folders = [
         Path(place) for spec in found if spec for place in spec.submodule_search_locations or ()
     ]
-    return _digest_of_folders([*folders, data_path()], _DECIDING)
+    return [*folders, data_path()]
 
 
 def digest_of_package(module: str) -> str:

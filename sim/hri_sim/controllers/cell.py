@@ -234,7 +234,7 @@ class MockCell:
     def permit(self, link: str, now_ns: int) -> float:
         """Return the speed permitted now by the controller of ``link``, m/s; 0 if it is dead."""
         wiring = self._wirings.get(self._posts[link].robot_index)
-        return 0.0 if wiring is None else wiring.permit(link, now_ns)
+        return 0.0 if wiring is None else wiring.permit(link, now_ns)[0]
 
     def stops_within_s(self, link: str) -> float:
         """Return the silence (s) after which the controller of ``link`` stops, plus its cycle."""

@@ -46,6 +46,8 @@ from hri_sim.controllers.tools import NOTHING, Mounted, ToolChange
 
 U = TypeVar("U")
 
+Watchdog = Literal["", "silent", "schema", "starting", "errors", "no age", "stale"]
+"""A watchdog that forbids motion; "": none."""
 COUNTERS = 1 << 16  # values of RobotState's counter
 _FULL_SPEED_TOLERANCE = 0.01  # m/s: rounding on the wire does not count as a slowdown
 _MAX_EVENTS = 1000
@@ -190,7 +192,7 @@ class ControllerCore(Generic[U]):
         self._last_advice_ns: int | None = None
         self._pending: deque[tuple[int, Permit]] = deque()  # time of effect, permit
         self._in_effect: Permit | None = None
-        self._watchdog = ""
+        self._watchdog: Watchdog = ""
         self._counter = 0  # of the newest RobotState
         kept_s = settings.max_age_s + (settings.silence_timeout_s or 0.0)
         # times of sending the newest RobotStates, the newest last
@@ -351,7 +353,7 @@ class ControllerCore(Generic[U]):
 
     # -- the watchdogs ----------------------------------------------------------------------------
 
-    def _watch(self, now_ns: int) -> str:
+    def _watch(self, now_ns: int) -> Watchdog:
         """Return the watchdog that forbids motion, or ""; if one does, forget earlier advice."""
         watchdog = self._condition(now_ns)
         if watchdog:
@@ -363,7 +365,7 @@ class ControllerCore(Generic[U]):
             self._watchdog = watchdog
         return watchdog
 
-    def _condition(self, now_ns: int) -> str:
+    def _condition(self, now_ns: int) -> Watchdog:
         silent_ns = now_ns - self._last_advice_ns if self._last_advice_ns is not None else 0
         if silent_ns > FORGET_S * 1e9 and self._heard is not None:
             self._heard = None

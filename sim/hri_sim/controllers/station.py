@@ -261,7 +261,7 @@ class Station(Generic[U]):
         """Process units received by ``now_ns``, decide, move the arm; return the units to send."""
         self.core.receive(units, now_ns)
         permit = self.core.permit(now_ns)
-        self._wiring.set_permit(self.post.name, permit.speed_m_s, now_ns)
+        self._wiring.set_permit(self.post.name, permit.speed_m_s, now_ns, cause=permit.cause)
         if self._arm is None:
             self.core.obey(permit, now_ns)
             truth = self._wiring.truth()
@@ -272,9 +272,9 @@ class Station(Generic[U]):
                 unknown = Said(RobotMode.UNKNOWN)
                 return self.core.outgoing(now_ns, *told, unknown, mounted=truth.mounted)
             return self._answer(now_ns, *told, truth.mounted)
-        allowed = self._wiring.permitted_speed(now_ns)
+        allowed, cause = self._wiring.lowest_permit(now_ns)
         if allowed < permit.speed_m_s:
-            permit = Permit(allowed, "other channel", permit.mode)
+            permit = Permit(allowed, cause, permit.mode)
         self.core.obey(permit, now_ns)
         fastest = self.post.robot.max_speed_m_s
         speed = self._lies.permitted(permit.speed_m_s, fastest, now_ns)

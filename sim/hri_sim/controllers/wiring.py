@@ -2,7 +2,8 @@
 
 A monitor sends the drive a hard-wired speed permit, like a second safety channel in a real cell.
 This wire is simulated by a small file that both processes map into memory. A permit that is
-missing, torn or older than ``PERMIT_STALE_S`` reads as 0: a dead monitor stops the robot.
+missing, torn or older than ``PERMIT_STALE_S`` reads as 0: a dead monitor stops the robot. A permit
+carries its cause, so that a stop advised to the monitor does not count as one of the wire.
 
 The same file carries the arm's true joint state, which the monitor reports and the referee uses. On
 the virtual clock, plain values replace the file.
@@ -15,14 +16,19 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Self, get_args
 
 import numpy as np
 
 from hri_predict.base.arrays import Floats
+from hri_predict.protocol.messages import Level
+from hri_sim.controllers.controller import Watchdog
 from hri_sim.controllers.tools import NOTHING, Mounted
 
 PERMIT_STALE_S = 0.1
+NO_PERMIT = "other channel"
+"""Cause of a permit of 0 that cannot be trusted, or states no cause."""
+_CAUSES = (NO_PERMIT, *(level.name.lower() for level in Level), *get_args(Watchdog))
 _TRUTH_STALE_S = 0.25  # a drive silent for longer is dead; its brakes have closed
 _CARRIED_S = 0.1  # its motion is extrapolated for this long
 _MAX_JOINTS = 12  # nine, and three coordinates of a moving base
@@ -100,24 +106,32 @@ class Wiring:
         finally:
             os.close(descriptor)
 
-    def set_permit(self, channel: str, speed_m_s: float, now_ns: int) -> None:
-        """Set the speed that ``channel`` permits."""
-        self._write(self._channels[channel], now_ns, [speed_m_s])
+    def set_permit(
+        self, channel: str, speed_m_s: float, now_ns: int, *, cause: str = NO_PERMIT
+    ) -> None:
+        """Set the speed that ``channel`` permits, and why: a level or a watchdog."""
+        self._write(self._channels[channel], now_ns, [speed_m_s, float(_CAUSES.index(cause))])
 
-    def permit(self, channel: str, now_ns: int) -> float:
-        """Return the speed that ``channel`` permits, m/s; 0 if it is stale or was never set."""
+    def permit(self, channel: str, now_ns: int) -> tuple[float, str]:
+        """Return the speed that ``channel`` permits, m/s, and its cause.
+
+        0 and ``NO_PERMIT`` if it is stale or was never set.
+        """
         read = self._read(self._channels[channel])
         if read is None:
-            return 0.0
+            return 0.0, NO_PERMIT
         stamp_ns, values = read
         # a stamp slightly ahead is valid: the other process wrote after this one read its clock
-        if abs(now_ns - stamp_ns) > PERMIT_STALE_S * 1e9 or len(values) != 1:
-            return 0.0
-        return values[0] if values[0] > 0 else 0.0  # NaN compares false
+        if abs(now_ns - stamp_ns) > PERMIT_STALE_S * 1e9 or len(values) != 2:
+            return 0.0, NO_PERMIT
+        speed_m_s, cause = values
+        permitted = speed_m_s if speed_m_s > 0 else 0.0  # NaN compares false
+        return permitted, _CAUSES[int(cause)]
 
-    def permitted_speed(self, now_ns: int) -> float:
-        """Return the lowest permit of all channels, m/s."""
-        return min((self.permit(name, now_ns) for name in self._channels), default=0.0)
+    def lowest_permit(self, now_ns: int) -> tuple[float, str]:
+        """Return the lowest permit of all channels, m/s, and its cause."""
+        permits = [self.permit(name, now_ns) for name in self._channels]
+        return min(permits, key=lambda permit: permit[0], default=(0.0, NO_PERMIT))
 
     def set_truth(
         self,

@@ -12,7 +12,7 @@ from hri_predict.base.clock import VirtualClock
 from hri_predict.base.errors import ConfigError, UnusableRecordingError
 from hri_predict.base.files import YAML_ENDINGS, read_text
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.base.work.identity import code_digest
+from hri_predict.base.work.identity import code_digest, digests
 from hri_predict.base.work.workers_for import workers_for
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import PredictorSettings
@@ -25,7 +25,8 @@ from hri_predict.zones.predictor_identity import identity
 from hri_sim.simulation.approach import ApproachSource, map_of, together
 from hri_sim.simulation.bodies import engines_of
 from hri_sim.simulation.cell import Cell, Variant, variants, with_risk
-from hri_sim.simulation.motion import PROCEDURAL, Motion, load_motion
+from hri_sim.simulation.inputs import named_digests, read_files, recorded
+from hri_sim.simulation.motion import Motion, load_motion
 from hri_sim.simulation.request import SimulationReport, SimulationRequest
 from hri_sim.simulation.results.publish import Result, report
 from hri_sim.simulation.results.report import Judged, Row, judged
@@ -126,6 +127,8 @@ def _decided_by(plan: SimulationPlan) -> dict[str, Any]:
         "modes": plan.modes,
         "coverages": plan.coverages,
         "motions": names_of([Path(name) for name in plan.motions]),
+        "recordings": list(digests(recorded(plan.motions)).values()),
+        "files": [named_digests(plan.loaded(name)) for name in plan.names],
         "joint_map": _text(plan.joint_map),
         "seen": [[key, _text(v) if isinstance(v, str) else v] for key, v in plan.seen],
         "episodes": plan.episodes,
@@ -171,14 +174,8 @@ def _text(joint_map: str | None) -> str | None:
 
 def _reads(plan: SimulationPlan) -> list[Path]:
     """Return the files that determine an episode, except for those of the installation."""
-    config = plan.loaded(None)
-    beside = [config.node.risk.coverage.calibration, plan.joint_map, *dict(plan.seen).values()]
-    named = [name for name in beside if isinstance(name, str) and Path(name).suffix]
-    recorded = [name for name in plan.motions if not name.startswith(PROCEDURAL + ":")]
-    paths = [plan.config, *((config.base_dir or Path()) / name for name in named)]
-    asked = [plan.asked(name) for name in plan.predictors]
-    weights = [each.weights for each in asked if each.weights is not None]
-    return [*paths, *map(Path, recorded), *weights, *plan.calibrations]
+    configs = [plan.loaded(name) for name in plan.names]
+    return read_files(configs, [*recorded(plan.motions), *plan.calibrations])
 
 
 def _usable(

@@ -188,7 +188,7 @@ class ApproachSource:
         assert self._start_ns is not None
         if k < self._empty:
             return self._start_ns + round(k * 1e9 / self.rate_hz)
-        lead_ns = round(self._empty * 1e9 / self.rate_hz)
+        lead_ns = _lead_ns(self._empty, self.rate_hz)
         return self._start_ns + lead_ns + int(self._captures[k - self._empty])
 
 
@@ -272,6 +272,17 @@ def together(motions: list[Motion]) -> NDArray[np.int64]:
             )
         captures = captures[: len(captures) - int(apart[-1])]
     return captures
+
+
+def lasts_ns(motions: list[Motion], lead_in_s: float) -> int:
+    """Return the time in ns from the start of an approach to its last capture."""
+    rate_hz = motions[0].rate_hz
+    return _lead_ns(round(lead_in_s * rate_hz), rate_hz) + int(together(motions)[-1])
+
+
+def _lead_ns(empty: int, rate_hz: float) -> int:
+    """Return the time in ns of the first scenes, in which the room is empty."""
+    return round(empty * 1e9 / rate_hz)
 
 
 def over_floor(place: Sequence[float]) -> Floats:

@@ -200,11 +200,17 @@ def moved(bodies: MotionTicks, matrix: Floats, person: int) -> MotionTicks:
     )
 
 
-def joined(parts: Sequence[MotionTicks]) -> MotionTicks:
-    """Combine separately computed people in one room, up to the end of the shortest motion."""
+def joined(parts: Sequence[MotionTicks], lasts_ns: int) -> MotionTicks:
+    """Combine separately computed people in one room, up to their last common capture.
+
+    Args:
+        parts: one person each.
+        lasts_ns: time from the start to that capture, see ``approach.lasts_ns``.
+    """
     if len(parts) == 1:
         return parts[0]
-    count = min(len(part.snapshots) for part in parts)
+    shortest = min((part.snapshots for part in parts), key=len)
+    count = sum(each.now_ns <= VIRTUAL_START_NS + lasts_ns for each in shortest)
     return MotionTicks(
         [_joined_snapshots([part.snapshots[k] for part in parts]) for k in range(count)],
         [_joined_forecasts([part.forecasts[k] for part in parts]) for k in range(count)],

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from hri_predict.base.clock import Clock
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import validated
@@ -12,13 +14,11 @@ from hri_predict.contracts.predictor import Predictor
 from hri_predict.contracts.source import Source
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.robots.model import RobotModel
 from hri_predict.robots.tracker import RobotTracker
-from hri_predict.robots.trajectory import Trajectory
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.zones.calibration import Calibration
-from hri_sim.controllers.station import Post, posts
+from hri_sim.controllers.station import Drive, Post, posts
 from hri_sim.simulation.approach import ApproachSettings
 from hri_sim.simulation.scenario import Scenario, Workspace
 
@@ -97,6 +97,59 @@ def with_scenario(config: Config, scenario: Scenario) -> Config:
     return replace(config, source=source, links=tuple(links))
 
 
+def manned(config: Config) -> tuple[list[Post], list[Drive]]:
+    """Return the post at the far end of each link, and each robot's drive.
+
+    Raises:
+        ConfigError: a link or a robot is not simulated, so that no referee could judge it.
+    """
+    if not config.links or any(link.simulate is None for link in config.links):
+        raise ConfigError(
+            f"{config.path}: links: every link needs a 'simulate:' block, because a simulation "
+            f"has no hardware (see the shipped simulate.yaml)"
+        )
+    found = posts(config.links, config.node.robots, config.base_dir)
+    drives = {post.robot.name: post.drive for post in found if post.drive is not None}
+    for robot in config.node.robots:
+        if robot.name not in drives:
+            raise ConfigError(
+                f"{config.path}: robot '{robot.name}' has no simulated drive; add a link with "
+                f"'simulate: {{role: drive}}'"
+            )
+    return found, [drives[robot.name] for robot in config.node.robots]
+
+
+_MOVED = (("people", "exits"), ("people", "entrances"), ("source", "field_of_view"))
+"""Settings of places that the people stage compares with bodies, before an episode moves them."""
+
+
+def _demand_movable(config: Config) -> None:
+    """Check that no setting ties people to places: each episode draws theirs around the robots.
+
+    Nor may the source have faults, which only the repeated episodes of the whole node would have.
+
+    Raises:
+        ConfigError: one does.
+    """
+    source = config.source
+    if not np.allclose(source.room_from_source.matrix(), np.eye(4), atol=1e-9):
+        raise ConfigError(
+            f"{config.place('source', 'room_from_source')}: a simulation draws people's places "
+            f"around the robots, in the room frame; remove this key"
+        )
+    if source.faults:
+        raise ConfigError(
+            f"{config.place('source', 'faults')}: a simulation of approaches has no faults of the "
+            f"source; remove this key"
+        )
+    for block, key in _MOVED:
+        if getattr(source if block == "source" else config.node.people, key):
+            raise ConfigError(
+                f"{config.place(block, key)}: a simulation computes people before it moves them to "
+                f"their places, where this key would not count; remove it"
+            )
+
+
 def _start(link: LinkSettings) -> dict[str, Any]:
     simulate = link.simulate or {}
     return {key: simulate[key] for key in ("start_s", "fault_seed")}
@@ -123,26 +176,13 @@ class Cell:
                 f"{config.path}: source.kind is '{config.source.kind}'; a simulation needs "
                 f"'approach' (see the shipped simulate.yaml)"
             )
-        if not config.links or any(link.simulate is None for link in config.links):
-            raise ConfigError(
-                f"{config.path}: links: every link needs a 'simulate:' block, because a simulation "
-                f"has no hardware (see the shipped simulate.yaml)"
-            )
+        _demand_movable(config)
         self.config = config
         self._known: dict[str, tuple[Config, Calibration | None]] = {}
+        self._posts, drives = manned(config)
         self.predictor = predictor or assemble.build_predictor(config)
-        self._posts = posts(config.links, config.node.robots, config.base_dir)
-        drives = {p.robot.name: p.drive for p in self._posts if p.drive is not None}
-        self.models: list[RobotModel] = []
-        self.trajectories: list[Trajectory] = []
-        for robot in config.node.robots:
-            if robot.name not in drives:
-                raise ConfigError(
-                    f"{config.path}: robot '{robot.name}' has no simulated drive; add a link with "
-                    f"'simulate: {{role: drive}}'"
-                )
-            self.models.append(drives[robot.name].model)
-            self.trajectories.append(drives[robot.name].trajectory)
+        self.models = [drive.model for drive in drives]
+        self.trajectories = [drive.trajectory for drive in drives]
         self.workspace = Workspace.of(list(zip(self.models, self.trajectories, strict=True)))
 
     @property

@@ -111,10 +111,11 @@ class CourseReferee(Referee):
         elapsed_s = (course.stamps_ns[ticks[0]] - self._last[0]) * 1e-9
         for tick in range(len(ticks)):
             part = slice(tick * len(times), (tick + 1) * len(times))
+            near = np.zeros(len(times), dtype=bool)
             for name, (gaps, speed) in found.items():
                 self._note(ids, name, gaps[:, part], speed[part])
-                moving = gaps[:, part].min(axis=0)[speed[part] > MOVING_M_S]
-                self._measure(moving, elapsed_s / len(times))
+                near |= self._too_near(gaps[:, part].min(axis=0), speed[part])
+            self.violation_s += elapsed_s / len(times) * np.count_nonzero(near)
         last = ticks[-1]
         self._last = (course.stamps_ns[last], course.people[last], course.robots[last])
         self.observations += len(ticks) * len(times)

@@ -77,7 +77,8 @@ class Touches:
         touch_speeds_m_s, touch_relative_m_s: segment or joint -> maximum speed of a touch.
         touch_limits_m_s: maximum permissible speed of a touch of the same parts; the lowest for
             several robots.
-        touches_beyond: number of instants with a touch faster than permissible.
+        touches_beyond: number of instants with a touch faster than permissible; an instant counts
+            once for each robot, whatever the number of people and parts.
         touches_relative_beyond: the same for the relative speed.
         touches_forbidden: number of instants with a touch of head, face or neck.
         clampings: number of instants at which a part was between a link and a fixture, and the
@@ -120,12 +121,11 @@ class Harm(Touches):
         most = limits.transient_m_s[body]
         for b, bears in zip(body, most.tolist(), strict=True):
             self.touch_limits_m_s[NAMES[b]] = min(self.touch_limits_m_s.get(NAMES[b], bears), bears)
-        self.touches_forbidden += int(np.count_nonzero(most == 0))
-        self.touches_beyond += int(np.count_nonzero(fastest > most))
-        self.touches_relative_beyond += int(np.count_nonzero(relative > most))
-        self.clampings += int(
-            np.count_nonzero(self._clamps(contact, limits, (person, instant, body)))
-        )
+        clamped = self._clamps(contact, limits, (person, instant, body))
+        self.touches_forbidden += len(np.unique(instant[most == 0]))
+        self.touches_beyond += len(np.unique(instant[fastest > most]))
+        self.touches_relative_beyond += len(np.unique(instant[relative > most]))
+        self.clampings += len(np.unique(instant[clamped]))
 
     def _clamps(self, contact: Contact, limits: Bearable, at: tuple[Ints, Ints, Ints]) -> Bools:
         """Return (n,) whether a touched part is pressed against a fixture too fast."""

@@ -25,8 +25,10 @@ from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
-from hri_sim.baseline_demo import BASELINE
+from hri_sim.simulation.cell import manned
+from hri_sim.simulation.inputs import read_files
 from hri_sim.simulation.request import OcclusionRequest, OcclusionRow
+from hri_sim.simulation.work import with_predictor
 
 # -- space that boxes hide from cameras, as polygons on the floor: ``source.shadows`` --------------
 
@@ -259,13 +261,15 @@ def play(request: OcclusionRequest, index: int) -> list[OcclusionRow]:
         watch = _Watch()
         config = configured(base, episode, mode, free_space=request.free_space)
         summary = run(config, Options(factor=None, duration_s=DURATION_S, view=watch))
+        assert summary.contacts is not None  # a referee saw it, as every robot has a drive
+        assert summary.contacts_standing is not None
         fastest = base.node.robots[0].max_speed_m_s
         rows.append(
             OcclusionRow(
                 index=index,
                 mode=mode,
-                contacts=summary.contacts or 0,
-                contacts_standing=summary.contacts_standing or 0,
+                contacts=summary.contacts,
+                contacts_standing=summary.contacts_standing,
                 permitted=watch.permitted / max(watch.ticks, 1) / fastest,
                 lost=watch.lost / max(watch.ticks, 1),
             )
@@ -275,9 +279,7 @@ def play(request: OcclusionRequest, index: int) -> list[OcclusionRow]:
 
 def _base(request: OcclusionRequest) -> Config:
     config = configuration.load(request.config).quiet()
-    if request.predictor is None:
-        return config.with_predictor(**BASELINE)
-    return config.with_predictor(request.predictor)
+    return config if request.predictor is None else with_predictor(config, request.predictor)
 
 
 def _possible(base: Config, request: OcclusionRequest, index: int) -> Episode:
@@ -314,12 +316,18 @@ def _shows(source: Source) -> int:
 def simulate(
     request: OcclusionRequest, progress: Callable[[int, int], None]
 ) -> Iterator[OcclusionRow]:
-    """Play all episodes; yield the rows of each, in their order."""
+    """Play all episodes; yield the rows of each, in their order.
+
+    Raises:
+        HriPredictError: the configuration cannot be simulated.
+    """
+    base = _base(request)
+    manned(base)
     indices = range(request.first, request.first + request.episodes)
     progress(0, request.episodes)
     tasks = [(request, index) for index in indices]
     found: dict[int, list[OcclusionRow]] = {}
-    with workers_for(request.jobs, request.cluster, [request.config]) as workers:
+    with workers_for(request.jobs, request.cluster, read_files([base], [])) as workers:
         for done, (place, rows) in enumerate(workers.each(play, tasks), 1):
             found[place] = rows
             progress(done, request.episodes)

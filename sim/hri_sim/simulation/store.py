@@ -67,8 +67,9 @@ class Store:
             )
         if header != self._header:
             raise ConfigError(
-                f"--resume: {path.parent} holds a simulation of another configuration, seed or "
-                f"code; use the original ones, or name another folder with --out"
+                f"--resume: {path.parent} holds a simulation of another configuration, seed, "
+                f"code, recording or file that the configuration names; use the original ones, "
+                f"or name another folder with --out"
             )
         for line in lines[1:]:
             block = _parsed(line) or {}

@@ -17,12 +17,12 @@ from hri_predict.run.compared_predictors import (
 )
 from hri_predict.run.config import Config
 from hri_sim.simulation import bodies as stages
-from hri_sim.simulation.approach import over_floor
+from hri_sim.simulation.approach import lasts_ns, over_floor
 from hri_sim.simulation.bodies import MotionTicks
 from hri_sim.simulation.cell import Cell, Variant, variants
 from hri_sim.simulation.episode import run_episode, truth_of
 from hri_sim.simulation.free_robots import FreeRobots
-from hri_sim.simulation.motion import load_motion
+from hri_sim.simulation.motion import Motion, load_motion
 from hri_sim.simulation.request import SimulationRequest
 from hri_sim.simulation.results.outcome import Truth, outcome, prediction
 from hri_sim.simulation.scenario import Scenario, draw
@@ -182,15 +182,18 @@ def run_block(plan: SimulationPlan, block: Block) -> dict[str, Any]:
 
 def scenario_of(plan: SimulationPlan, cell: Cell, index: int, motions: Sequence[str]) -> Scenario:
     """Return the scenario of one episode."""
-    source, base_dir = cell.source, cell.config.base_dir
-    read = [load_motion(name, source.rate_hz, base_dir, source.joint_map) for name in motions]
     return draw(
         seed=plan.seed,
         index=index,
-        motions=read,
+        motions=_read(cell, motions),
         workspace=cell.workspace,
         lead_in_s=cell.source.lead_in_s,
     )
+
+
+def _read(cell: Cell, motions: Sequence[str]) -> list[Motion]:
+    source, base_dir = cell.source, cell.config.base_dir
+    return [load_motion(name, source.rate_hz, base_dir, source.joint_map) for name in motions]
 
 
 def _company(plan: SimulationPlan, block: Block) -> list[str]:
@@ -205,7 +208,8 @@ def _bodies(plan: SimulationPlan, predictor: int, scenario: Scenario) -> MotionT
         stages.moved(_computed(plan, predictor, name, scenario.lead_in_s), over_floor(at), p)
         for p, (name, at) in enumerate(zip(scenario.motions, scenario.places, strict=True))
     ]
-    return stages.joined(parts)
+    cell, _ = _cell(plan, predictor)
+    return stages.joined(parts, lasts_ns(_read(cell, scenario.motions), scenario.lead_in_s))
 
 
 @lru_cache(maxsize=2)

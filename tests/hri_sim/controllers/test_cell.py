@@ -146,7 +146,7 @@ def test_either_channel_alone_stops_the_arm(who, how):
     assert drive.stops == 1
     assert monitor.stops == (1 if who == "monitor" else 0)
     if who == "monitor":
-        assert drive.stop_causes == {"other channel": 1}
+        assert drive.stop_causes == {"silent" if how is None else "stop": 1}
 
 
 def test_a_speed_limit_of_either_channel_holds():

@@ -125,7 +125,7 @@ def test_silence_stops_the_arm_by_itself_and_sigterm_gives_the_report(one):
     process, link, wiring = one
     node = PlayedNode(link)
     until(lambda: node.moving, node)
-    until(lambda: arm_stands(wiring) and wiring.permitted_speed(MonotonicClock().now_ns()) == 0)
+    until(lambda: arm_stands(wiring) and wiring.lowest_permit(MonotonicClock().now_ns())[0] == 0)
     time.sleep(0.1)  # and it stays so
     assert arm_stands(wiring)
     report = end(process, signal.SIGTERM)
@@ -240,7 +240,7 @@ def cell():
 def forbidden(cell):
     """Whether the monitor's wire forbids motion, and the arm stands."""
     wiring = cell._wirings[0]
-    return wiring.permit("monitor", MonotonicClock().now_ns()) == 0 and arm_stands(wiring)
+    return wiring.permit("monitor", MonotonicClock().now_ns())[0] == 0 and arm_stands(wiring)
 
 
 def test_two_processes_move_and_stop_one_arm(cell):
@@ -255,7 +255,7 @@ def test_two_processes_move_and_stop_one_arm(cell):
     assert [r.name for r in reports] == ["drive", "monitor"]
     assert [r.ended for r in reports] == ["ok", "ok"]
     assert all(r.crc_errors == r.malformed == r.counter_errors == 0 for r in reports)
-    assert reports[0].stop_causes.get("other channel", 0) >= 1
+    assert reports[0].stop_causes.get("silent", 0) >= 1
     assert reports[1].timeouts >= 1
     assert cell.stop() == reports
 

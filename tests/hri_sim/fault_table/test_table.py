@@ -40,6 +40,7 @@ def test_every_row_has_its_own_name_and_a_limit_where_something_must_happen():
         pytest.param("front of two sensors: moved", marks=pytest.mark.long),
         pytest.param("source: every scene twice", marks=pytest.mark.long),
         pytest.param("drive: flooded, everything 10 times", marks=pytest.mark.long),
+        pytest.param("monitor: out of order", marks=pytest.mark.long),
         pytest.param("both links: RobotState 10 times", marks=pytest.mark.long),
     ],
 )
@@ -95,6 +96,15 @@ def test_a_predictor_that_fails_has_its_row():
 )
 def test_a_wrong_expectation_fails(base, wrong):
     assert not run_case(base, replace(case_of("source: scenes lost"), **wrong)).fine
+
+
+@pytest.mark.long
+def test_a_controller_that_only_counts_must_not_stop(base):
+    """The node does not react to this fault, but the controller does."""
+    case = case_of("monitor: silent")
+    outcome = run_case(base, replace(case, expected="count only", limit_ms=None))
+    assert outcome.measured_ms is not None
+    assert not outcome.fine
 
 
 def test_no_row_of_that_name_gives_no_row():

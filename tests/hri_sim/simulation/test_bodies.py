@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from hri_sim.simulation.approach import over_floor
+from hri_sim.simulation.approach import lasts_ns, over_floor
 from hri_sim.simulation.bodies import compute, joined, moved
 from hri_sim.simulation.cell import variants
+from hri_sim.simulation.motion import load_motion
 
 PLACES = [(1.3, -0.4, 0.9), (-2.0, 1.0, -2.2)]
 MOTIONS = ["procedural:1", "procedural:2"]
@@ -75,7 +76,29 @@ def test_people_computed_apart_are_the_people_of_one_room(cell, modes):
         )
         for person, (name, place) in enumerate(zip(MOTIONS, PLACES, strict=True))
     ]
+    ends_ns = lasts_ns([load_motion(name, 30.0) for name in MOTIONS], 0.4)
     assert_same(
-        joined(parts),
+        joined(parts, ends_ns),
         compute(cell=cell, motions=MOTIONS, lead_in_s=0.4, variants=modes, places=PLACES),
     )
+
+
+def test_people_computed_apart_end_where_the_run_does(cell, recording, tmp_path):
+    """Of 60 Hz played at 30 Hz, the last frame may come half a period early: it is left out."""
+    paths = [tmp_path / "whole.npz", tmp_path / "early.npz"]
+    arms = np.concatenate(2 * [np.load(recording)["positions"]])
+    for path, frames in zip(paths, (90, 76), strict=True):
+        np.savez(path, positions=arms[:frames], fps=np.float32(60))
+    names, modes = [str(path) for path in paths], variants(cell.config, ["iso"], [])
+    places = [(3.0, 0.0, 0.0), (-3.0, 0.0, 0.0)]
+    told = {"cell": cell, "lead_in_s": 0.0, "variants": modes}
+    parts = [
+        moved(compute(motions=[name], **told), over_floor(place), person)
+        for person, (name, place) in enumerate(zip(names, places, strict=True))
+    ]
+    one_run = compute(motions=names, places=places, **told)
+    ends_ns = lasts_ns([load_motion(name, 30.0) for name in names], 0.0)
+    found = joined(parts, ends_ns)
+    stamps = [each.now_ns for each in found.snapshots]
+    assert stamps == [each.now_ns for each in one_run.snapshots]
+    assert len(stamps) < min(len(part.snapshots) for part in parts)

@@ -1,5 +1,7 @@
 """The referee of a course that is over comes to what it comes to tick by tick."""
 
+import copy
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,19 @@ def test_a_course_is_judged_as_tick_by_tick(cell, seed, tells):
         assert getattr(fast, name) == pytest.approx(getattr(slow, name), abs=1e-12)
     assert len(told[0]) == len(told[1])
     assert tells == bool(told[0])
+
+
+def test_time_too_near_two_robots_counts_once(cell):
+    alone, both = course(cell), course(cell)
+    twin = copy.copy(cell.models[0])
+    twin.name = "twin"
+    for robots, tools in zip(both.robots, both.tools, strict=True):
+        robots["twin"], tools["twin"] = robots[cell.models[0].name], None
+    one, two = CourseReferee(cell.models, 0.3), CourseReferee([*cell.models, twin], 0.3)
+    one.judge(alone)
+    two.judge(both)
+    assert two.violation_s == pytest.approx(one.violation_s)
+    assert one.violation_s > 0
 
 
 def test_runs_hold_every_tick_once_and_never_a_change(cell):

@@ -8,7 +8,7 @@ import pytest
 from hri_predict.protocol.messages import Level
 from hri_predict.risk.settings import RISK_MODES
 from hri_predict.run.working_distance import seen
-from hri_sim.simulation.approach import over_floor
+from hri_sim.simulation.approach import lasts_ns, over_floor
 from hri_sim.simulation.bodies import compute, joined, moved
 from hri_sim.simulation.cell import Cell, variants
 from hri_sim.simulation.episode import _Watch, run_episode
@@ -30,7 +30,8 @@ def episode(cell, names, index, risk_modes=("predictive", "iso")):
                 p,
             )
             for p, (name, place) in enumerate(zip(names, scenario.places, strict=True))
-        ]
+        ],
+        lasts_ns(motions, scenario.lead_in_s),
     )
     return modes, scenario, bodies
 

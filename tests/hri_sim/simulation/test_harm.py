@@ -93,3 +93,15 @@ def test_a_part_between_link_and_wall_is_clamped_if_the_robot_is_too_fast(x, spe
     arm = x + 0.08  # at 1.96 the forearm touches the wall
     referee.observe(0, forearm(arm), ball(arm - TOUCH + 0.01, speed))
     assert (harm.clampings > 0) is clamped
+
+
+def test_an_instant_counts_once_whatever_the_number_of_people_and_parts():
+    (joints, _) = forearm(1.96)[1]
+    joints[CANONICAL.index("r_elbow")] = 1.96, -0.2, 0.02
+    joints[CANONICAL.index("r_wrist")] = 1.96, 0.2, 0.02
+    both = joints, np.isfinite(joints).all(axis=1)
+    referee, harm = judged({"l_forearm": 0.0, "r_forearm": 0.0}, fixtures=[WALL])
+    referee.observe(0, {1: both, 2: both}, ball(1.96 - TOUCH + 0.01, 0.2))
+    assert set(harm.touch_speeds_m_s) == {"l_forearm", "r_forearm"}
+    assert (harm.touches_beyond, harm.touches_relative_beyond) == (1, 1)
+    assert (harm.touches_forbidden, harm.clampings) == (1, 1)

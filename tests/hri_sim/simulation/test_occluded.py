@@ -5,11 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.run import config as configuration
 from hri_sim.simulation import occluded
 from hri_sim.simulation.occluded import draw, simulate
 from hri_sim.simulation.request import OcclusionRequest
 
+CHEAP = "constant_velocity"
 CONFIG = configuration.shipped("simulate.yaml")
 REQUEST = OcclusionRequest(config=Path(CONFIG), episodes=2, modes=("predictive", "iso", "fixed"))
 
@@ -29,6 +31,38 @@ def test_a_run_is_played_in_parts(monkeypatch):
     assert list(simulate(parts, lambda k, n: None)) == [40, 41, 42]
 
 
+def test_the_predictor_is_the_configurations_unless_another_is_named(tmp_path):
+    text = CONFIG.read_text(encoding="utf-8").replace("name: average", "name: constant_velocity")
+    path = tmp_path / "cell.yaml"
+    path.write_text(text.replace("horizon_s: 1.2", "horizon_s: 1.4\n  span_s: 0.3"), "utf-8")
+    named = {
+        name: occluded._base(replace(REQUEST, config=path, predictor=name)).predictor
+        for name in (None, "constant_velocity", "zero_velocity")
+    }
+    assert named[None].name == "constant_velocity"
+    assert named[None].model_dump()["span_s"] == 0.3
+    assert named["constant_velocity"] == named[None]
+    assert named["zero_velocity"].name == "zero_velocity"
+    assert named["zero_velocity"].horizon_s == 1.4
+
+
+def test_a_robot_without_a_drive_is_refused_before_the_first_episode(tmp_path, monkeypatch):
+    """Without its drive no referee could see a touch, and the table would say 0."""
+    monkeypatch.setattr(occluded, "play", None)
+    robot = """\
+  - name: other
+    model: ur5e
+    room_from_robot: {xyz: [4, 0, 0]}
+    max_speed_m_s: 1.0
+    motion: {kind: standing, positions: [0, 0, 0, 0, 0, 0]}
+"""
+    text = CONFIG.read_text(encoding="utf-8").replace("risk:\n", robot + "risk:\n", 1)
+    path = tmp_path / "two.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match="robot 'other' has no simulated drive; add a link"):
+        list(simulate(replace(REQUEST, config=path), lambda k, n: None))
+
+
 def test_everybody_is_shown_once_unless_the_source_sees_free_space():
     """In the first draw, the only person walks in the shadow of a box all the way."""
     request = replace(REQUEST, seed=61, modes=("predictive",))
@@ -41,7 +75,7 @@ def test_everybody_is_shown_once_unless_the_source_sees_free_space():
 @pytest.mark.long
 @pytest.mark.parametrize("free_space", [False, True])
 def test_nobody_is_touched_by_a_moving_robot(free_space):
-    request = replace(REQUEST, episodes=1, seed=12, free_space=free_space)
+    request = replace(REQUEST, episodes=1, seed=12, free_space=free_space, predictor=CHEAP)
     done = []
     rows = list(simulate(request, lambda k, n: done.append((k, n))))
     assert [row.mode for row in rows] == ["predictive", "iso", "fixed"]

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import data_path
 from hri_predict.contracts import registry
 from hri_predict.run import config as configuration
 from hri_predict.zones.calibration import shipped_calibration
-from hri_sim.simulation import _decided_by, _plan, report, simulate
+from hri_sim.simulation import _decided_by, _plan, _reads, report, simulate
 from hri_sim.simulation.request import SimulationRequest
 from hri_sim.simulation.work import BLOCK, SimulationPlan, blocks, episodes
 from tests.hri_predict.base.machine.dask_processes import scheduler, worker
@@ -62,6 +63,39 @@ def test_changed_code_of_a_predictor_is_another_simulation(request_of, monkeypat
     assert _decided_by(plan) == before
     monkeypatch.setattr(registry, "code_of", lambda settings: "1a")
     assert _decided_by(plan) != before
+
+
+@pytest.fixture
+def own_cell(tmp_path):
+    """The shipped cell with its own copies of the robot and of the path that it follows."""
+    text = configuration.shipped("simulate.yaml").read_text(encoding="utf-8")
+    for folder, name in (("robots", "ur5e"), ("trajectories", "pick_and_place")):
+        copy = tmp_path / f"{name}.yaml"
+        copy.write_bytes(data_path(folder, f"{name}.yaml").read_bytes())
+        text = text.replace(f": {name}\n", f": {copy.name}\n")
+        text = text.replace(f": {name}}}", f": {copy.name}}}")
+    path = tmp_path / "cell.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("changed", ["ur5e.yaml", "pick_and_place.yaml", "arms.npz"])
+def test_another_content_of_a_file_is_another_simulation(request_of, own_cell, changed):
+    """A resumed run and the workers of a cluster must have the same files."""
+    plan = _plan(request_of(config=own_cell))
+    before, read = _decided_by(plan), _reads(plan)
+    assert len(read) == len(set(read))
+    assert all(path.is_file() for path in read)
+    path = own_cell.parent / changed
+    assert path in read
+    with path.open("ab") as file:
+        file.write(b"\n")
+    assert _decided_by(plan) != before
+
+
+def test_files_of_the_installation_are_not_compared_by_their_place(request_of):
+    (_, *others) = _reads(_plan(request_of()))  # the shipped configuration is read by its path
+    assert sorted(path.name for path in others) == ["arms.npz", "others.npz"]
 
 
 @pytest.mark.long

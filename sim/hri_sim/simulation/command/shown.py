@@ -14,6 +14,7 @@ from rich.table import Table as ScreenTable
 
 from hri_predict.cli.common import progress, result, show, tell
 from hri_predict.lab.evaluation.table import Table
+from hri_predict.run import config as configuration
 from hri_sim.simulation.request import (
     DistanceRequest,
     OcclusionRequest,
@@ -62,8 +63,9 @@ def occluded(request: OcclusionRequest, *, as_json: bool) -> int:
     with counting("episodes") as count:
         rows = list(play(request, count))
     found = [_of_mode([row for row in rows if row.mode == mode]) for mode in request.modes]
-    asked = asdict(request) | {"config": str(request.config)}
-    result(as_json, {"request": asked, "modes": found}, [_table(request, found)])
+    predictor = request.predictor or configuration.load(request.config).predictor.name
+    asked = asdict(request) | {"config": str(request.config), "predictor": predictor}
+    result(as_json, {"request": asked, "modes": found}, [_table(request, found, predictor)])
     for row in rows:
         if row.contacts:
             print(f"contact: episode {row.index}, mode {row.mode}", file=sys.stderr)
@@ -82,12 +84,12 @@ def _of_mode(rows: Sequence[OcclusionRow]) -> dict[str, Any]:
     }
 
 
-def _table(request: OcclusionRequest, found: Sequence[dict[str, Any]]) -> Table:
+def _table(request: OcclusionRequest, found: Sequence[dict[str, Any]], predictor: str) -> Table:
     seen = "nothing is hidden" if not request.occlude else f"{request.cameras} camera(s)"
     free = ", free space seen" if request.free_space else ""
     rates = ", ".join(f"{rate:g}" for rate in request.rates_hz)
     return Table(
-        f"{request.episodes} episodes at {rates} Hz, {seen}{free}",
+        f"{request.episodes} episodes at {rates} Hz, {seen}{free}, predictor {predictor}",
         ("mode", "contacts, moving", "contacts, standing", "speed permitted, %", "person lost, %"),
         tuple(
             (

@@ -289,6 +289,8 @@ def simulate(
             as_json=as_json,
         )
     without_effect(lost, "without --occlude")
+    if data and all(str(entry) == _PROCEDURAL for entry in data):
+        without_effect({"--joint-map": joint_map}, f"on {_PROCEDURAL} people alone")
     seen_as = _one("--tracker", tracker, "a simulation of approaches")
     sight = FULL if seen_as is None else sights([seen_as])[0]
     from hri_sim import simulation

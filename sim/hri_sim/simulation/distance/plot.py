@@ -17,10 +17,10 @@ _DPI = 130
 Found = Sequence[tuple[Case, dict[str, Any]]]
 
 
-def write_plots(found: Found, terms: tuple[Case, Waterfall], out: Path) -> list[Path]:
+def write_plots(found: Found, terms: tuple[Case, Waterfall] | None, out: Path) -> list[Path]:
     """Write every plot into an existing folder; return the files."""
     figures = {"speed_over_distance.png": speeds(found)}
-    if terms[1].total_m is not None:
+    if terms is not None and terms[1].total_m is not None:
         figures["waterfall.png"] = falling(*terms)
     return [write_figure(figure, out / name, dpi=_DPI) for name, figure in figures.items()]
 

@@ -9,7 +9,7 @@ from statistics import median
 from typing import Any
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.base.files import atomic_write
+from hri_predict.base.files import YAML_ENDINGS, atomic_write
 from hri_predict.base.looks import can_plot
 from hri_predict.base.work.workers_for import workers_for
 from hri_predict.cli.common import warn, writing
@@ -35,6 +35,7 @@ from hri_sim.simulation.distance.work import (
     measure,
     measure_terms,
 )
+from hri_sim.simulation.inputs import read_files, recorded
 from hri_sim.simulation.request import DistanceRequest, SimulationReport
 
 ACTIVITIES = ("window", "tools", "talking")
@@ -44,6 +45,10 @@ MODES = ("predictive", "iso", FOREKNOWN)
 SECONDS = 8.0
 Found = tuple[Case, dict[str, Any]]
 """A case and the results of ``measure`` by mode."""
+
+
+Terms = tuple[Case, Waterfall]
+"""A case in one mode, and its distance in terms."""
 
 
 def run(request: DistanceRequest, progress: Callable[..., None]) -> SimulationReport:
@@ -72,16 +77,37 @@ def run(request: DistanceRequest, progress: Callable[..., None]) -> SimulationRe
         variants(config, request.modes or MODES, ())
         index = robot_of(config, request.robot)
         path_of(config, assemble.build_robots(config)[index], index)
-    first = replace(cases[0], modes=cases[0].modes[:1])
-    tasks = [(measure_terms, plan, first), *((measure, plan, case) for case in cases)]
+    split = _split(cases[0])
+    tasks: list[Any] = [] if split is None else [(measure_terms, plan, split)]
+    ahead = len(tasks)
+    tasks += [(measure, plan, case) for case in cases]
     done: dict[int, Any] = {}
     progress(0, len(tasks))
-    with workers_for(request.jobs, request.cluster) as workers:
+    with workers_for(request.jobs, request.cluster, _reads(plan, cases)) as workers:
         for place, result in workers.each(_call, tasks):
             done[place] = result
-            progress(len(done), len(tasks), "terms" if place == 0 else _name(cases[place - 1]))
-    found = [(case, done[place]) for place, case in enumerate(cases, start=1)]
-    return _report(request, plan, found=found, terms=(first, done[0]), notes=notes)
+            name = "terms" if place < ahead else _name(cases[place - ahead])
+            progress(len(done), len(tasks), name)
+    found = [(case, done[place]) for place, case in enumerate(cases, start=ahead)]
+    terms = None if split is None else (split, done[0])
+    return _report(request, plan, found=found, terms=terms, notes=notes)
+
+
+def _split(case: Case) -> Case | None:
+    """Return the case with the mode whose distance is split into terms; ``None`` without one.
+
+    The true future replaces the zones, so its distance does not consist of the terms.
+    """
+    modes = tuple(mode for mode in case.modes if mode != FOREKNOWN)
+    return replace(case, modes=modes[:1]) if modes else None
+
+
+def _reads(plan: DistancePlan, cases: Sequence[Case]) -> list[Path]:
+    """Return the files that determine the distances, except for those of the installation."""
+    configs = [cell_of(plan, name) for name in dict.fromkeys(case.predictor for case in cases)]
+    trackers = dict.fromkeys(case.sight.tracker for case in cases)
+    maps = [Path(name) for name in trackers if name and name.endswith(YAML_ENDINGS)]
+    return read_files(configs, [*recorded(case.activity.motion for case in cases), *maps])
 
 
 def _name(case: Case) -> str:
@@ -127,7 +153,7 @@ def _report(
     plan: DistancePlan,
     *,
     found: Sequence[Found],
-    terms: tuple[Case, Waterfall],
+    terms: Terms | None,
     notes: Sequence[str],
 ) -> SimulationReport:
     config = cell_of(plan, None)
@@ -142,14 +168,14 @@ def _report(
     if plan.error_m:
         said.append(f"The tracker states an error of each person's place of {plan.error_m:g} m.")
     tables = [_table(found, request.modes or MODES, config.predictor.name)]
-    tables += [*_sets_table(found), *_terms_table(*terms)]
+    tables += [*_sets_table(found), *([] if terms is None else _terms_table(*terms))]
     data = {
         "configuration": Path(plan.config).name,
         "robot": robot.name,
         "seconds": plan.seconds,
         "error_m": plan.error_m,
         "cases": [_plain(case, result, config.predictor.name) for case, result in found],
-        "waterfall": _plain_terms(*terms),
+        "waterfall": None if terms is None else _plain_terms(*terms),
         "notes": said,
     }
     text = json.dumps(data, indent=1)

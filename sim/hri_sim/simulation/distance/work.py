@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.base.arrays import Floats
+from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.predictor import Predictor
 from hri_predict.contracts.source import SourceSettings
@@ -19,6 +19,7 @@ from hri_predict.run.session import VIRTUAL_START_NS
 from hri_predict.run.working_distance.measure import (
     FARTHEST_M,
     NEAREST_M,
+    WARM_S,
     Measure,
     Situation,
     alone,
@@ -184,10 +185,14 @@ class PlacedPerson:
 
     @property
     def middle(self) -> Floats:
-        """Return (2,), the person's mean position over the whole motion, seen or not."""
+        """Return (2,), the person's mean position in the time that is judged, seen or not."""
         motion = load_motion(self._case.activity.motion, self._settings.rate_hz)
-        seen = motion.positions[motion.observed.any(axis=1), :, :2]  # a tracker loses people
-        place: Floats = np.nanmean(seen, axis=1).mean(axis=0)
+        shown: Bools = np.asarray(motion.observed.any(axis=1))  # a tracker loses people
+        at_s = motion.capture_ns * 1e-9
+        judged: Bools = shown & (at_s >= WARM_S) & (at_s <= self._plan.seconds)
+        if not judged.any():
+            judged = shown
+        place: Floats = np.nanmean(motion.positions[judged, :, :2], axis=1).mean(axis=0)
         return place
 
     def _true_future(self, seen: Seen, zones: Sequence[BodyZones]) -> list[BodyZones]:

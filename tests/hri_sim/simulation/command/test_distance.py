@@ -4,9 +4,13 @@ import json
 import sys
 import time
 
+import numpy as np
 import pytest
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import data_path
 from hri_predict.cli import main
+from hri_predict.run import config as configuration
 from hri_sim.simulation.command.shown import counting
 
 QUICK = ["--distance", "--activity", "talking", "--noise", "0", "--seconds", "4", "--jobs", "1",
@@ -42,6 +46,22 @@ def test_a_table_files_and_the_same_as_json(cli, tmp_path):
     names = {"distance.md", "distance.json", "speed_over_distance.png", "waterfall.png"}
     assert {path.name for path in tmp_path.iterdir()} == names
     assert "--json" not in out
+
+
+@pytest.mark.long
+def test_the_terms_are_those_of_a_mode_that_a_node_can_have(cli, tmp_path):
+    """Zones of the true future are not made of the terms."""
+    given = [*QUICK, "--tracker", "full", "--mode", "foreknown"]
+    status, out, err = cli(*given, "--mode", "iso", "--json")
+    assert status == 0, err
+    data = json.loads(out)
+    assert data["waterfall"]["mode"] == "iso"
+    iso_m = data["cases"][0]["modes"]["iso"]["distance_m"]
+    assert data["waterfall"]["total_m"] == pytest.approx(iso_m, abs=0.03)  # each to its own step
+    status, out, err = cli(*given, "--out", tmp_path)
+    assert status == 0, err
+    assert "Contributions" not in out
+    assert json.loads((tmp_path / "distance.json").read_text())["waterfall"] is None
 
 
 @pytest.mark.long
@@ -110,3 +130,30 @@ def test_a_cell_without_a_path_is_refused_before_any_worker_starts(cli, monkeypa
     status, _, err = cli(*QUICK, "--tracker", "full", "live_udp.yaml")
     assert status == 2
     assert "motion: {kind: state, plan: pick_and_place}" in err
+
+
+def test_workers_of_a_cluster_must_have_the_same_files(cli, tmp_path, monkeypatch):
+    """Without a check, another machine would measure another recording, path or tracker."""
+    read: list[str] = []
+
+    def workers_for(jobs, cluster, reads=()):
+        read.extend(path.name for path in reads)
+        raise ConfigError("ends here")
+
+    monkeypatch.setattr("hri_sim.simulation.distance.run.workers_for", workers_for)
+    text = configuration.shipped("working_distance.yaml").read_text(encoding="utf-8")
+    for folder, name in (("trajectories", "pick_and_place"), ("skeletons", "coco17")):
+        copy = tmp_path / f"own_{name}.yaml"
+        copy.write_bytes(data_path(folder, f"{name}.yaml").read_bytes())
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(text.replace("pick_and_place", "own_pick_and_place.yaml"), encoding="utf-8")
+    rest = np.array([[x, y, 0.7] for y in (0.25, 0.1, -0.1) for x in (0.2, -0.2)])
+    positions = rest + 0.1 * np.sin(np.arange(120) / 30)[:, None, None]
+    np.savez(tmp_path / "arms.npz", positions=positions.astype(np.float32), fps=np.float32(30))
+    status, _, err = cli(
+        *("--distance", "--activity", tmp_path / "arms.npz", "--noise", "0", "--jobs", "1"),
+        *("--predictor", "constant_velocity", "--tracker", tmp_path / "own_coco17.yaml", cell),
+    )
+    assert status == 2, err
+    assert "ends here" in err
+    assert set(read) == {"cell.yaml", "own_pick_and_place.yaml", "arms.npz", "own_coco17.yaml"}

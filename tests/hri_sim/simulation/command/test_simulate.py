@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hri_predict.cli import main
+from hri_sim.simulation.request import OcclusionRow
 
 
 @pytest.fixture
@@ -85,6 +86,7 @@ def test_without_the_data_pack_the_alternatives_are_named(cli, tmp_path, monkeyp
         (["--predictor", "kalman", "--calibration", "none.json"], "none.json"),
         (["--split", "tset"], "--split tset: unknown; did you mean 'test'"),
         (["--split", "test_motion"], "--split test_motion: has no effect on procedural"),
+        (["--joint-map", "coco17"], "--joint-map: has no effect on procedural people alone"),
         (["--data", "procedural", "--data", "procedural"], "procedural is named twice"),
         (["--episodes", "0"], "episodes"),
         (["--people", "9"], "people"),
@@ -112,6 +114,7 @@ def test_a_mistake_is_one_line_and_status_2(cli, arguments, message, tmp_path, m
         (["--mode", "bogus"], "--mode bogus: unknown (iso, predictive, hybrid, reactive, fixed)"),
         (["--mode", "foreknown"], "--mode foreknown: unknown"),
         (["--predictor", "sinn=w"], "--predictor sinn=w: not with --occlude"),
+        (["live_udp.yaml"], "links: every link needs a 'simulate:' block"),
         (["--rates", "0.01"], "rates"),
         (["--rates", "nan"], "rates"),
         (["--rates", "1000"], "rates"),
@@ -129,6 +132,23 @@ def test_a_mistake_with_occlude_is_one_line_and_status_2(cli, arguments, message
     status, out, err = cli("--occlude", "--episodes", "1", *arguments)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert message in err
+
+
+@pytest.mark.parametrize(
+    ("more", "predictor"),
+    [((), "average"), (("--predictor", "constant_velocity"), "constant_velocity")],
+)
+def test_the_table_of_occluded_episodes_names_the_predictor(cli, monkeypatch, more, predictor):
+    row = OcclusionRow(
+        index=0, mode="iso", contacts=0, contacts_standing=0, permitted=0.1, lost=0.5
+    )
+    monkeypatch.setattr("hri_sim.simulation.occluded.simulate", lambda request, count: [row])
+    given = ["--occlude", "--episodes", "1", "--mode", "iso", *more]
+    status, out, err = cli(*given)
+    assert status == 0, err
+    assert f"predictor {predictor}" in " ".join(out.split())
+    _, out, _ = cli(*given, "--json")
+    assert json.loads(out)["request"]["predictor"] == predictor
 
 
 def test_a_recording_named_twice_is_refused(cli, tmp_path):
