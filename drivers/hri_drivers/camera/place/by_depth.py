@@ -3,6 +3,7 @@
 A pixel at the edge of a limb may show the wall behind it, so the nearest surface of a small patch
 is used. An object in front of the person is then measured instead of the joint. The bone lengths
 reveal this: a joint farther from its neighbours than a bone's maximum length counts as not
+measured, and so does a joint of a hand, a foot or the head whose wrist, ankle or shoulder is not
 measured.
 """
 
@@ -24,6 +25,7 @@ from hri_drivers.camera.place.placed import (
 from hri_drivers.camera.seen import Float32, Seen
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import ConfigError
+from hri_predict.base.geometry import norm
 
 PATCH = 0.006
 """Half the side of a patch, as a share of the focal length: 2 cm on a person 3 m away."""
@@ -81,7 +83,7 @@ def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unpla
     known = np.isfinite(points).all(axis=1)
     if known.any():
         known &= np.abs(depths - np.median(depths[known])) <= REACH_M
-        known = _whole(points, known, bones_of(seen.layout))
+        known = _carried(points, _whole(points, known, bones_of(seen.layout)), seen.layout)
     if np.count_nonzero(known) < MIN_JOINTS:
         return Unplaced("too few joints with depth")
     middle = np.median(points[known], axis=0)
@@ -150,3 +152,19 @@ def _whole(points: Floats, known: Bools, bones: Bones) -> Bools:
         depth = points[:, 2]
         middle = np.median(depth[known])
         known[first if abs(depth[first] - middle) > abs(depth[second] - middle) else second] = False
+
+
+def _carried(points: Floats, known: Bools, layout: str) -> Bools:
+    """Return the joints without those of hands, feet and head that are too far from the body.
+
+    One whose wrist, ankle or shoulder is not known cannot be checked, and is left out.
+    """
+    bones, known = bones_of(layout), known.copy()
+    carriers, ends = bones.carried.T
+    lengths = norm(points[carriers] - points[ends])
+    is_near = lengths <= bones.carried_shares * MAX_STATURE_M * LOOSE
+    confirmed = np.zeros_like(known)
+    confirmed[ends[known[carriers] & is_near]] = True
+    confirmed[ends[known[carriers] & ~is_near]] = False  # the nose has two shoulders
+    known[ends] &= confirmed[ends]
+    return known

@@ -73,6 +73,40 @@ def test_depth_that_is_not_the_bodys_places_no_joint(name, depth_m):
     assert found.observed[JOINTS.index("right_knee")]
 
 
+@pytest.mark.parametrize(
+    "name", ["left_index", "right_thumb", "left_foot_index", "right_heel", "left_ear", "nose"]
+)
+@pytest.mark.parametrize("depth_m", [3.6, 1.9])  # a thing behind it, and one before it
+def test_a_hand_foot_or_head_that_is_too_far_from_the_body_is_not_observed(name, depth_m):
+    seen, depth = picture()
+    joint = JOINTS.index(name)
+    x, y = np.rint(seen.pixels[joint]).astype(int)
+    depth[y - 5 : y + 6, x - 5 : x + 6] = depth_m
+    found = place_by_depth(seen, depth, CAMERA)
+    assert isinstance(found, Placed)
+    assert not found.observed[joint]
+    side = "left" if name.startswith("right") else "right"
+    for kept in ("wrist", "index", "ankle", "foot_index", "shoulder"):
+        assert found.observed[JOINTS.index(f"{side}_{kept}")]
+
+
+@pytest.mark.parametrize(
+    ("carrier", "carried"),
+    [
+        ("left_wrist", ["left_index", "left_pinky", "left_thumb"]),
+        ("right_ankle", ["right_heel", "right_foot_index"]),
+        ("left_shoulder", ["left_ear", "left_eye"]),
+    ],
+)
+def test_what_an_unobserved_joint_carries_is_not_observed(carrier, carried):
+    seen, depth = picture()
+    seen.visibility[JOINTS.index(carrier)] = 0.0
+    found = place_by_depth(seen, depth, CAMERA)
+    assert isinstance(found, Placed)
+    assert not found.observed[[JOINTS.index(name) for name in carried]].any()
+    assert found.observed[JOINTS.index("nose")]  # by the other shoulder
+
+
 @pytest.mark.parametrize("missing", MISSING)
 def test_a_picture_without_depth_is_not_a_place(missing):
     seen, depth = picture()
