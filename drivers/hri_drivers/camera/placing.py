@@ -58,7 +58,7 @@ class Placer:
         if image.depth is None:
             placed = place_alone(seen, camera, self._height_m)
         else:
-            placed = place_by_depth(seen, image.depth, camera)
+            placed = place_by_depth(seen, image.depth, camera, image.stereo_error)
         if isinstance(placed, Unplaced):
             self.unplaced[placed.why] += 1
             nowhere = np.full((len(seen.pixels), 3), np.nan)

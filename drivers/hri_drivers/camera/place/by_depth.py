@@ -49,10 +49,12 @@ ERROR_M = 0.08
 """99 % bound of the error at short range, where it comes from the thickness of the body."""
 ERROR_SHARE = 0.02
 """Further error as a share of the distance: "less than 2 % at 2 m" (Intel RealSense D400 data
-sheet, depth accuracy)."""
+sheet, depth accuracy). That of stereo grows with the square of the distance, and is added."""
 
 
-def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unplaced:
+def place_by_depth(
+    seen: Seen, depth: Float32, camera: Camera, stereo_error: float = 0.0
+) -> Placed | Unplaced:
     """Place a person by the depth at the pixels of the joints.
 
     Args:
@@ -60,6 +62,7 @@ def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unpla
         depth: (H, W) metres along the optical axis, aligned with the colour image; 0 or NaN
             where not measured.
         camera: camera for images of this size.
+        stereo_error: see ``Image``.
 
     Raises:
         ConfigError: depth and colour images differ in size.
@@ -92,7 +95,8 @@ def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unpla
         return Unplaced(f"not between {NEAREST_M:g} and {FARTHEST_M:g} m away")
     # of a wrong focal length the joint farthest from the optical axis is off the most
     aside = camera.focal_error * float(np.hypot(points[known, 0], points[known, 1]).max())
-    error_m = math.hypot(ERROR_M, ERROR_SHARE * distance) + aside
+    stereo = stereo_error * float(points[known, 2].max()) ** 2
+    error_m = math.hypot(ERROR_M, ERROR_SHARE * distance, stereo) + aside
     return Placed(np.where(known[:, None], points, np.nan), known, error_m)
 
 

@@ -138,6 +138,24 @@ def test_the_stated_error_holds_what_a_wrong_focal_length_does_to_every_joint():
     assert moved <= off.error_m - exact.error_m + 0.01
 
 
+@pytest.mark.parametrize(
+    ("focal_px", "baseline_m", "stated_m"),
+    [(385, 0.05, 0.41), (640, 0.05, 0.28), (385, 0.095, 0.25)],  # D435, D435 at 1280 x 720, D455
+)
+def test_the_stated_error_of_stereo_grows_with_the_square_of_the_distance(
+    focal_px, baseline_m, stated_m
+):
+    """z^2 * 0.08 px / (focal length * baseline) RMS, and 0.08 m and 2 % as for other depth."""
+    pixels = CAMERA.project(person() + np.array([0.0, 0.0, 6.0]))
+    seen = Seen(1, "mediapipe33", pixels, np.ones(33), None)
+    stereo_error = 2.58 * 0.08 / (focal_px * baseline_m)
+    far = np.full((480, 640), 6.0 - SKIN_M, np.float32)
+    camera = replace(CAMERA, focal_error=0.0)
+    found = place_by_depth(seen, far, camera, stereo_error)
+    assert isinstance(found, Placed)
+    assert found.error_m == pytest.approx(stated_m, abs=0.01)
+
+
 def test_a_depth_picture_of_another_size_is_refused():
     seen, depth = picture()
     with pytest.raises(ConfigError, match="align"):
