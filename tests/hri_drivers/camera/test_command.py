@@ -137,7 +137,9 @@ def test_the_network_is_loaded_before_the_camera_and_the_size_is_that_of_its_fil
         call("0", "--model", model, "--calibration", path)
     with pytest.raises(Opened):
         call("0", "--model", model)
-    assert done == ["network", (800, 600), "network", (640, 480)]
+    with pytest.raises(Opened):  # the angle of a data sheet is that of 16:9 images
+        call("0", "--model", model, "--field-of-view", "70")
+    assert done == ["network", (800, 600), "network", (640, 480), "network", (640, 360)]
 
 
 def test_an_opencv_that_cannot_be_loaded_is_one_line(monkeypatch):

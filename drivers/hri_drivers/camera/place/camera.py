@@ -32,6 +32,9 @@ GUESSED_FOCAL_ERROR = 0.36
 """The focal length for 50 degrees is 34 % larger than for 64, for 80 degrees 26 % smaller."""
 STATED_FOCAL_ERROR = 0.06
 """For a horizontal angle from a data sheet, which may be wrong by 3 degrees at 70."""
+WIDE = 16 / 9
+"""Shape of the images to which data sheets refer. A webcam makes narrower images by cutting off
+the sides of these: 70 degrees become 55 at 4:3, a focal length that is 33 % larger."""
 MIN_VIEW_DEG, MAX_VIEW_DEG = 10.0, 120.0  # a wider lens needs the model of a fisheye
 OPTICAL_FROM_REP103 = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """(3, 3) from x forward, y left, z up to the camera's own axes."""
@@ -129,6 +132,9 @@ class Camera:
 def guessed_camera(width: int, height: int, field_of_view_deg: float | None = None) -> Camera:
     """Return a camera without distortion with this horizontal field of view; None: not known.
 
+    A stated field of view may be that of a data sheet, so its error is larger if images narrower
+    than 16:9 may lack the sides.
+
     Raises:
         ConfigError: the field of view is outside the range of this camera model.
     """
@@ -139,10 +145,12 @@ def guessed_camera(width: int, height: int, field_of_view_deg: float | None = No
         )
     focal = width / 2 / math.tan(math.radians(degrees) / 2)
     middle = (width - 1) / 2, (height - 1) / 2
+    cut = max(1.0, WIDE * height / width)
+    stated_error = (1 + STATED_FOCAL_ERROR) * cut - 1
     return Camera(
         matrix=np.array([[focal, 0.0, middle[0]], [0.0, focal, middle[1]], [0.0, 0.0, 1.0]]),
         size=(width, height),
-        focal_error=GUESSED_FOCAL_ERROR if field_of_view_deg is None else STATED_FOCAL_ERROR,
+        focal_error=GUESSED_FOCAL_ERROR if field_of_view_deg is None else stated_error,
     )
 
 

@@ -12,7 +12,7 @@ from hri_drivers.camera.seen import Seen
 from hri_predict.base.errors import ConfigError
 from tests.hri_drivers.camera.place.bodies import JOINTS, person
 
-CAMERA = guessed_camera(640, 480, 60)
+CAMERA = replace(guessed_camera(640, 480, 60), focal_error=0.06)
 WALL_M = 4.5
 PLACE = np.array([0.2, 0.0, 2.8])
 
