@@ -63,8 +63,9 @@ def camera(
     field_of_view: Annotated[
         float | None,
         typer.Option(
-            help="Horizontal field of view of the images in use, degrees, of a camera without a "
-            "file. Without --size, 640x360 is requested: data sheets give the angle of 16:9 images."
+            help="Field of view along the longer side of the images in use, degrees, of a camera "
+            "without a file. Without --size, 640x360 is requested: data sheets give the angle of "
+            "16:9 images."
         ),
     ] = None,
     height: Annotated[

@@ -20,8 +20,8 @@ class Placer:
 
     Args:
         camera: the calibrated camera; None: guessed from the field of view.
-        field_of_view_deg: horizontal field of view of an uncalibrated camera; None: as for most
-            webcams.
+        field_of_view_deg: field of view, along the longer side of the images, of an uncalibrated
+            camera; None: as for most webcams.
         height_m: stature of everyone who is seen; None: an adult's.
 
     Attributes:

@@ -25,9 +25,9 @@ from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.base.settings import Pose, Settings, validated
 
 FIELD_OF_VIEW_DEG = 64.0
-"""Horizontal field of view assumed for an unknown webcam. Data sheets give 50 to 80 degrees for
-most webcams and laptops; the focal length at 64 degrees is the geometric mean of those at 50 and
-80."""
+"""Field of view assumed for an unknown webcam, along the longer side of its images. Data sheets
+give 50 to 80 degrees for most webcams and laptops; the focal length at 64 degrees is the geometric
+mean of those at 50 and 80."""
 GUESSED_FOCAL_ERROR = 0.36
 """The focal length for 50 degrees is 34 % larger than for 64, for 80 degrees 26 % smaller."""
 STATED_FOCAL_ERROR = 0.06
@@ -130,9 +130,10 @@ class Camera:
 
 
 def guessed_camera(width: int, height: int, field_of_view_deg: float | None = None) -> Camera:
-    """Return a camera without distortion with this horizontal field of view; None: not known.
+    """Return a camera without distortion with this field of view; None: not known.
 
-    A stated field of view may be that of a data sheet, so its error is larger if images narrower
+    It is the angle of the longer side: a portrait image is that of a camera turned on its side. A
+    stated field of view may be that of a data sheet, so its error is larger if images narrower
     than 16:9 may lack the sides.
 
     Raises:
@@ -143,9 +144,10 @@ def guessed_camera(width: int, height: int, field_of_view_deg: float | None = No
         raise ConfigError(
             f"field of view: must be {MIN_VIEW_DEG:g} to {MAX_VIEW_DEG:g} degrees; got {degrees:g}"
         )
-    focal = width / 2 / math.tan(math.radians(degrees) / 2)
+    longer, shorter = max(width, height), min(width, height)
+    focal = longer / 2 / math.tan(math.radians(degrees) / 2)
     middle = (width - 1) / 2, (height - 1) / 2
-    cut = max(1.0, WIDE * height / width)
+    cut = max(1.0, WIDE * shorter / longer)
     stated_error = (1 + STATED_FOCAL_ERROR) * cut - 1
     return Camera(
         matrix=np.array([[focal, 0.0, middle[0]], [0.0, focal, middle[1]], [0.0, 0.0, 1.0]]),

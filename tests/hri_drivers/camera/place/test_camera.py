@@ -125,6 +125,15 @@ def test_the_error_of_a_stated_angle_holds_images_that_lack_the_sides(size):
     assert wrong < found.focal_error < wrong + 0.12
 
 
+@pytest.mark.parametrize("field_of_view_deg", [None, 70])
+def test_a_portrait_picture_is_that_of_a_camera_turned_on_its_side(field_of_view_deg):
+    upright = guessed_camera(360, 640, field_of_view_deg)
+    level = guessed_camera(640, 360, field_of_view_deg)
+    assert upright.matrix[0, 0] == upright.matrix[1, 1] == level.matrix[0, 0]
+    assert upright.focal_error == level.focal_error
+    assert upright.matrix[:2, 2].tolist() == [179.5, 319.5]
+
+
 def test_a_camera_without_a_pose_is_not_in_the_room():
     with pytest.raises(ConfigError, match="no pose"):
         guessed_camera(640, 480).room_from_optical()
