@@ -144,7 +144,7 @@ def camera(
     if known is None and field_of_view is None and isinstance(pictures, DepthCamera):
         placer.calibrate(pictures.camera)
     sender = Sender(host, port, load_joint_map(finder.layout).source_joints, key)
-    stands = known is not None or isinstance(pictures, DepthCamera)
+    stands = pictures.camera if known is None and isinstance(pictures, DepthCamera) else known
     pipeline = Pipeline(
         Newest(pictures), finder, placer, sender=sender, max_hz=max_fps, stands=stands
     )
