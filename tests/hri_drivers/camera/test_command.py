@@ -199,7 +199,7 @@ def test_a_variant_that_is_unknown_is_refused(picture, tmp_path, monkeypatch):
 
 def test_a_kept_package_that_changed_is_refused(picture, tmp_path, monkeypatch):
     monkeypatch.setenv("HRI_PREDICT_DATA", str(tmp_path))
-    monkeypatch.setattr(package, "read", lambda *_: (b"detector", b"landmarks", "0" * 64))
+    (tmp_path / package.FILE).write_bytes(b"something else")
     with pytest.raises(HriPredictError, match="damaged, or replaced since it was fetched; run"):
         call(picture)
 
