@@ -121,8 +121,11 @@ def size_of(
     if known is not None:
         try:
             known.of_size(*asked)
-        except ConfigError as error:
-            raise ConfigError(f"--size {size}: {error}") from None
+        except ConfigError:
+            raise ConfigError(
+                f"--size {size}: the camera was calibrated with images of {known.size[0]} x "
+                f"{known.size[1]}; leave out --size, or calibrate again with images of {size}"
+            ) from None
     return asked
 
 

@@ -108,8 +108,9 @@ def test_a_person_in_a_picture_reaches_the_node(model, picture, tmp_path, capsys
 def test_a_calibrated_camera_needs_its_own_kind_of_pictures(model, picture, tmp_path):
     path = tmp_path / "camera.yaml"
     path.write_text(yaml.safe_dump(CALIBRATED))
-    with pytest.raises(HriPredictError, match="calibrate again with images of this size"):
+    with pytest.raises(HriPredictError, match="calibrate again with images of this size") as caught:
         call(picture, "--model", model, "--calibration", path)
+    assert "--size" not in str(caught.value)  # it is refused for a picture and a video
 
 
 class Opened(Exception):
@@ -166,7 +167,7 @@ def test_an_opencv_that_cannot_be_loaded_is_one_line(monkeypatch):
         (["PICTURE", "--key-file", "none.key"], "none.key: cannot be read"),
         (["PICTURE", "--size", "640x480"], "--size: has no effect on"),
         (["0", "--size", "huge"], "--size huge"),
-        (["0", "--size", "640x360", "--calibration", "CAMERA"], "give --size 640x480 if the"),
+        (["0", "--size", "640x360", "--calibration", "CAMERA"], "leave out --size, or"),
         (["", "--model", "none.yaml"], "input: empty; give a camera's number"),
         (["none.mp4", "--model", "none.yaml"], "input none.mp4: no such file"),
         (["PICTURE", "--model", "none.yaml", "--host", "robot"], "not an IP address"),

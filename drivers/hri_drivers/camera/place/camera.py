@@ -105,8 +105,8 @@ class Camera:
         if abs(height - scale * self.size[1]) > 1.0:
             raise ConfigError(
                 f"the camera was calibrated with images of {self.size[0]} x {self.size[1]}, and "
-                f"these are {width} x {height}: give --size {self.size[0]}x{self.size[1]} if the "
-                f"camera supports that size, or calibrate again with images of this size"
+                f"these are {width} x {height}: use images of {self.size[0]} x {self.size[1]} or "
+                f"of the same shape, or calibrate again with images of this size"
             )
         matrix = self.matrix.copy()
         matrix[:2, 2] = (matrix[:2, 2] + 0.5) * scale - 0.5  # pixel centres are whole numbers
