@@ -16,11 +16,11 @@ import numpy as np
 from hri_drivers.camera.network import package
 from hri_drivers.camera.network.blazepose import BlazePose
 from hri_drivers.camera.network.runtime import load_net
+from hri_drivers.camera.place.alone import place_alone
 from hri_drivers.camera.place.bones import bones_of
 from hri_drivers.camera.place.camera import OPTICAL_FROM_REP103, Camera, guessed_camera
 from hri_drivers.camera.place.placed import Placed, Unplaced
 from hri_drivers.camera.place.together import View, place_together
-from hri_drivers.camera.placing import place_alone
 from hri_drivers.camera.seen import Seen, UInt8
 from hri_predict.base.arrays import Floats
 from hri_predict.base.geometry import norm, transform

@@ -44,6 +44,8 @@ class DepthCamera(ABC):
     stamps = "the device's time stamps"
     stamped = "by the device"
     metres_per_unit = 0.001
+    stereo_error = 0.0
+    """See ``Image``."""
     _is_open = False
 
     def __init__(
@@ -71,7 +73,10 @@ class DepthCamera(ABC):
         self._number += 1
         metres: Float32 = raw.astype(np.float32) * np.float32(self.metres_per_unit)
         metres[raw == 0] = np.nan
-        return Image(np.array(pixels, np.uint8), exposed_ns, self._number, metres, self.stamped)
+        return Image(
+            np.array(pixels, np.uint8), exposed_ns, self._number, metres, self.stamped,
+            self.stereo_error,
+        )  # fmt: skip
 
     def close(self) -> None:
         """See ``Input``."""

@@ -7,17 +7,19 @@ not agree, the camera looks elsewhere, or something large hides the background. 
 points, the background has no texture and nothing can be decided.
 """
 
+import math
 from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
+from hri_drivers.camera.place.camera import Camera
 from hri_drivers.camera.seen import Image, UInt8
 from hri_predict.base.arrays import Floats
 
-MOVED = 0.015
-"""Maximum mean displacement of the image's corners, as a fraction of its width: 1 degree of
-64."""
+TURNED = math.radians(0.9)
+"""Maximum turn: about the line of sight, or aside, as the mean displacement of the image's corners
+divided by the focal length. It includes what a camera shows that was shifted instead."""
 CHECK_NS = 500_000_000
 IN_A_ROW = 3
 """Checks that must agree before the verdict changes."""
@@ -39,12 +41,16 @@ WHY = (
 class MovedWatch:
     """Compares the background with that of the first image, twice a second.
 
+    Args:
+        camera: the camera of the images, whose size may differ.
+
     Attributes:
         checks: number of comparisons.
         undecided: number of comparisons with too few points, in which a move goes undetected.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, camera: Camera) -> None:
+        self._focal = float(camera.matrix[0, 0]) / camera.size[0]  # in image widths
         self._orb = cv2.ORB.create(_POINTS)
         self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
         self._first: _Points | None = None
@@ -86,10 +92,10 @@ class MovedWatch:
         way = self._way(self._first, now, pixels.shape[0] / pixels.shape[1])
         if way is None:
             return True if min(len(self._first[0]), len(now[0])) >= MANY_POINTS else None
-        return way > MOVED
+        return way > TURNED
 
     def _way(self, first: _Points, now: _Points, ratio: float) -> float | None:
-        """Return the mean displacement of the corners, in widths; None if too few points agree.
+        """Return the turn of the camera, in radians; None if too few points agree.
 
         Args:
             first, now: the points at first and now.
@@ -105,7 +111,8 @@ class MovedWatch:
             return None
         corners = _WIDTH * np.array([[0, 0], [1, 0], [0, ratio], [1, ratio]])
         ways = corners @ fitted[:, :2].T + fitted[:, 2] - corners
-        return float(np.linalg.norm(ways, axis=1).mean() / _WIDTH)
+        aside = float(np.linalg.norm(ways, axis=1).mean()) / (_WIDTH * self._focal)
+        return max(aside, abs(math.atan2(fitted[1, 0], fitted[0, 0])))
 
     def _background(self, pixels: UInt8, people: Sequence[Floats]) -> _Points:
         """Return the points of the background."""

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 PORT = 47_800  # of the source udp
 MAX_THREADS = 16
 DEFAULT_SIZE = 640, 480
+WIDE_SIZE = 640, 360
+"""Size to request for a stated field of view: data sheets give that of 16:9 images."""
 
 ModelOption = Annotated[
     Path | None,
@@ -88,19 +90,25 @@ def within(flag: str, value: float | None, most: float) -> None:
         raise ConfigError(f"{flag} {value:g}: give a number above 0, at most {most:g}")
 
 
-def size_of(size: str | None, source: str, known: "Camera | None") -> tuple[int, int]:
+def size_of(
+    size: str | None,
+    source: str,
+    known: "Camera | None",
+    default: tuple[int, int] = DEFAULT_SIZE,
+) -> tuple[int, int]:
     """Return the width and height to ask a camera for.
 
     Args:
-        size: ``--size``; None: the size in the camera's file, or ``DEFAULT_SIZE``.
+        size: ``--size``; None: the size in the camera's file, or ``default``.
         source: the input.
         known: the calibrated camera.
+        default: size for a camera without a file.
 
     Raises:
         ConfigError: the input is not a camera, or the camera was calibrated with other images.
     """
     if size is None:
-        return DEFAULT_SIZE if known is None else known.size
+        return default if known is None else known.size
     from hri_drivers.camera.images import is_depth_camera
     from hri_drivers.camera.webcam import is_device
 
@@ -113,8 +121,11 @@ def size_of(size: str | None, source: str, known: "Camera | None") -> tuple[int,
     if known is not None:
         try:
             known.of_size(*asked)
-        except ConfigError as error:
-            raise ConfigError(f"--size {size}: {error}") from None
+        except ConfigError:
+            raise ConfigError(
+                f"--size {size}: the camera was calibrated with images of {known.size[0]} x "
+                f"{known.size[1]}; leave out --size, or calibrate again with images of {size}"
+            ) from None
     return asked
 
 

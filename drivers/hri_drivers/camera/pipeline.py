@@ -10,6 +10,7 @@ from hri_drivers.camera.faults import FrozenWatch, hides
 from hri_drivers.camera.moved import MovedWatch
 from hri_drivers.camera.network.found import Finder, Finding
 from hri_drivers.camera.newest import Newest
+from hri_drivers.camera.place.camera import Camera
 from hri_drivers.camera.placing import Placer
 from hri_drivers.camera.seen import Image, Seen
 from hri_drivers.camera.sending import Sender
@@ -54,7 +55,8 @@ class Pipeline:
         placer: places the people.
         sender: sends scenes to the node; None: nothing is sent.
         max_hz: maximum rate of scenes; None: as fast as the network runs.
-        stands: the camera's place in the room is relied on, so it must not be moved.
+        stands: a camera whose place in the room is relied on, so it must not be moved; None: it may
+            be moved.
 
     Attributes:
         counts: see ``Counts``.
@@ -63,14 +65,14 @@ class Pipeline:
 
     def __init__(
         self, newest: Newest, finder: Finder, placer: Placer, *, sender: Sender | None,
-        max_hz: float | None = None, stands: bool = False,
+        max_hz: float | None = None, stands: Camera | None = None,
     ) -> None:  # fmt: skip
         self._newest, self._finder, self._placer, self._sender = newest, finder, placer, sender
         self._period_ns = 0 if max_hz is None else round(1e9 / max_hz)
         self._due_ns = 0
         self._tracker = Tracker()
         self._frozen = FrozenWatch()
-        self._moved = MovedWatch() if stands else None
+        self._moved = None if stands is None else MovedWatch(stands)
         self._times = SceneTimes()
         self._dropped = 0
         self._said: str | None = None

@@ -47,8 +47,11 @@ class Eye:
     camera: Camera
     tracker: Tracker = field(default_factory=Tracker)
     frozen: FrozenWatch = field(default_factory=FrozenWatch)
-    moved: MovedWatch = field(default_factory=MovedWatch)
+    moved: MovedWatch = field(init=False)
     image: Image | None = None
+
+    def __post_init__(self) -> None:
+        self.moved = MovedWatch(self.camera)
 
 
 class CommonIds:

@@ -23,6 +23,8 @@ class Image:
         stamped: how the time of the exposure is known: by the device, by the file, or on arrival
             less the latency that is assumed. Times of different kinds differ by an unknown amount:
             the latency of the camera without stamps.
+        stereo_error: 99 % bound of the error of stereo depth, metres, divided by the square of the
+            depth, 1/m; 0 for other depth.
     """
 
     pixels: UInt8
@@ -30,6 +32,7 @@ class Image:
     number: int
     depth: Float32 | None = None
     stamped: str = "by the device"
+    stereo_error: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -108,8 +108,9 @@ def test_a_person_in_a_picture_reaches_the_node(model, picture, tmp_path, capsys
 def test_a_calibrated_camera_needs_its_own_kind_of_pictures(model, picture, tmp_path):
     path = tmp_path / "camera.yaml"
     path.write_text(yaml.safe_dump(CALIBRATED))
-    with pytest.raises(HriPredictError, match="calibrate again with images of this size"):
+    with pytest.raises(HriPredictError, match="calibrate again with images of this size") as caught:
         call(picture, "--model", model, "--calibration", path)
+    assert "--size" not in str(caught.value)  # it is refused for a picture and a video
 
 
 class Opened(Exception):
@@ -137,7 +138,9 @@ def test_the_network_is_loaded_before_the_camera_and_the_size_is_that_of_its_fil
         call("0", "--model", model, "--calibration", path)
     with pytest.raises(Opened):
         call("0", "--model", model)
-    assert done == ["network", (800, 600), "network", (640, 480)]
+    with pytest.raises(Opened):  # the angle of a data sheet is that of 16:9 images
+        call("0", "--model", model, "--field-of-view", "70")
+    assert done == ["network", (800, 600), "network", (640, 480), "network", (640, 360)]
 
 
 def test_an_opencv_that_cannot_be_loaded_is_one_line(monkeypatch):
@@ -164,7 +167,7 @@ def test_an_opencv_that_cannot_be_loaded_is_one_line(monkeypatch):
         (["PICTURE", "--key-file", "none.key"], "none.key: cannot be read"),
         (["PICTURE", "--size", "640x480"], "--size: has no effect on"),
         (["0", "--size", "huge"], "--size huge"),
-        (["0", "--size", "640x360", "--calibration", "CAMERA"], "give --size 640x480 if the"),
+        (["0", "--size", "640x360", "--calibration", "CAMERA"], "leave out --size, or"),
         (["", "--model", "none.yaml"], "input: empty; give a camera's number"),
         (["none.mp4", "--model", "none.yaml"], "input none.mp4: no such file"),
         (["PICTURE", "--model", "none.yaml", "--host", "robot"], "not an IP address"),
@@ -197,7 +200,7 @@ def test_a_variant_that_is_unknown_is_refused(picture, tmp_path, monkeypatch):
 
 def test_a_kept_package_that_changed_is_refused(picture, tmp_path, monkeypatch):
     monkeypatch.setenv("HRI_PREDICT_DATA", str(tmp_path))
-    monkeypatch.setattr(package, "read", lambda *_: (b"detector", b"landmarks", "0" * 64))
+    (tmp_path / package.FILE).write_bytes(b"something else")
     with pytest.raises(HriPredictError, match="damaged, or replaced since it was fetched; run"):
         call(picture)
 

@@ -5,9 +5,11 @@ import pytest
 
 from tests.hri_drivers.camera.pictures import cv2, image
 
+from hri_drivers.camera.place.camera import guessed_camera  # isort: skip
 from hri_drivers.camera.moved import CHECK_NS, IN_A_ROW, MovedWatch  # isort: skip
 
 SIZE = (640, 480)
+CAMERA = guessed_camera(*SIZE, 64)
 PERSON = np.array([[250.0, 100.0], [350.0, 100.0], [300.0, 400.0], [np.nan, np.nan]])
 
 
@@ -48,7 +50,7 @@ def verdicts(watch, pictures, people=(), begin=0):
     "moved", [{"shift": (15.0, 0.0)}, {"shift": (0.0, 60.0)}, {"turn": 3.0}], ids=str
 )
 def test_a_camera_that_was_moved_is_noticed_until_it_is_put_back(moved):
-    background, watch = room(), MovedWatch()
+    background, watch = room(), MovedWatch(CAMERA)
     assert not any(verdicts(watch, [seen(background, seed=k) for k in range(4)]))
     after = verdicts(watch, [seen(background, **moved, seed=k) for k in range(5)], begin=4)
     assert after == [False] * (IN_A_ROW - 1) + [True] * (6 - IN_A_ROW)
@@ -62,13 +64,40 @@ def test_a_camera_that_was_moved_is_noticed_until_it_is_put_back(moved):
     ids=str,
 )
 def test_noise_another_light_and_a_trembling_mount_are_no_move(changed):
-    background, watch = room(), MovedWatch()
+    background, watch = room(), MovedWatch(CAMERA)
     pictures = [seen(background), *(seen(background, **changed, seed=k) for k in range(1, 8))]
     assert not any(verdicts(watch, pictures))
 
 
+def turned(background, camera, axis, degrees):
+    """What the camera sees of a far background after a turn about its x, y or z axis."""
+    rotation, _ = cv2.Rodrigues(np.radians(degrees) * np.eye(3)["xyz".index(axis)])
+    whole = camera.matrix.copy()
+    whole[:2, 2] = 500, 400
+    ways = camera.matrix @ rotation @ np.linalg.inv(whole)
+    return cv2.warpPerspective(background, ways, SIZE, borderMode=cv2.BORDER_REFLECT)
+
+
+@pytest.mark.parametrize("view_deg", [45, 64, 90, 110])
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+@pytest.mark.parametrize(("degrees", "is_moved"), [(1.0, True), (-1.1, True), (0.5, False)])
+def test_a_turn_by_a_degree_is_noticed_however_wide_the_lens(view_deg, axis, degrees, is_moved):
+    camera, wrong = guessed_camera(*SIZE, view_deg), 0
+    for seed in (3, 4):
+        background, watch = room(seed), MovedWatch(camera)
+        pixels = turned(background, camera, axis, 0.0)
+        after = turned(background, camera, axis, degrees)
+        rng = np.random.default_rng(seed)
+        pictures = [
+            np.clip(each + rng.normal(0, 3, each.shape), 0, 255).astype(np.uint8)
+            for each in (pixels, *[after] * (IN_A_ROW + 1))
+        ]
+        wrong += verdicts(watch, pictures)[-1] != is_moved
+    assert wrong == 0
+
+
 def test_people_who_walk_do_not_count_even_before_a_plain_wall():
-    wall, watch = np.full((800, 1000, 3), 120, np.uint8), MovedWatch()
+    wall, watch = np.full((800, 1000, 3), 120, np.uint8), MovedWatch(CAMERA)
     for k in range(10):
         x = 100 + 30 * k
         people = [np.array([[x, 100.0], [x + 100, 100.0], [x + 50, 400.0]])]
@@ -77,19 +106,19 @@ def test_people_who_walk_do_not_count_even_before_a_plain_wall():
 
 
 def test_a_camera_that_looks_elsewhere_was_moved():
-    watch = MovedWatch()
+    watch = MovedWatch(CAMERA)
     after = verdicts(watch, [seen(room()), *(seen(room(10), seed=k) for k in range(5))])
     assert after == [False] * IN_A_ROW + [True] * (6 - IN_A_ROW)
 
 
 def test_checks_of_a_background_without_texture_are_counted():
-    wall, watch = np.full((800, 1000, 3), 120, np.uint8), MovedWatch()
+    wall, watch = np.full((800, 1000, 3), 120, np.uint8), MovedWatch(CAMERA)
     assert not any(verdicts(watch, [seen(wall, noise=0.5, seed=k) for k in range(5)]))
     assert watch.summary() == {"checks": 5, "undecided": 5}
 
 
 def test_it_looks_twice_a_second():
-    background, watch = room(), MovedWatch()
+    background, watch = room(), MovedWatch(CAMERA)
     watch.judge(image(0, 0, seen(background)), ())
     moved = seen(background, shift=(40.0, 0.0))
     for k in range(1, 3 * IN_A_ROW):  # 10 a second

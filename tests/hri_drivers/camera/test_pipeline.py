@@ -204,12 +204,12 @@ def test_pictures_go_on_when_the_clock_of_the_machine_is_set(step_s, monkeypatch
 
 
 def test_a_camera_that_is_moved_sees_nothing_where_its_place_counts():
-    from tests.hri_drivers.camera.test_moved import room, seen
+    from tests.hri_drivers.camera.test_moved import CAMERA, room, seen
 
     shown = [seen(room(), seed=k) for k in range(2)]
     shown += [seen(room(), shift=(30.0, 0.0), seed=k) for k in range(5)]
     pictures = [image(k, k * 500 * MS, pixels) for k, pixels in enumerate(shown)]
-    for stands, views in ((True, [1] * 4 + [0] * 3), (False, [1] * 7)):
+    for stands, views in ((CAMERA, [1] * 4 + [0] * 3), (None, [1] * 7)):
         sent: Any = Sent()
         where: Any = Where()
         script = Script([one()] * len(pictures))

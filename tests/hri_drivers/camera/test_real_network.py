@@ -19,7 +19,7 @@ from tests.hri_drivers.camera.pictures import cv2
 from hri_drivers.camera.network import package  # isort: skip
 from hri_drivers.camera.network.blazepose import BlazePose  # isort: skip
 from hri_drivers.camera.network.runtime import load_net  # isort: skip
-from hri_drivers.camera.placing import place_alone  # isort: skip
+from hri_drivers.camera.place.alone import place_alone  # isort: skip
 from hri_drivers.camera.place.camera import guessed_camera  # isort: skip
 from hri_drivers.camera.place.placed import Placed  # isort: skip
 from hri_drivers.camera.seen import Seen, UInt8  # isort: skip

@@ -48,6 +48,9 @@ class Package:
     frame_metadata_value = SimpleNamespace(frame_timestamp="frame", sensor_timestamp="sensor")
     timestamp_domain = SimpleNamespace(system_time=1, global_time=2, hardware_clock=0)
 
+    option = SimpleNamespace(stereo_baseline="baseline")
+    baseline_mm: float | None = 50.0  # None: not stereo
+
     def __init__(self, *, is_there=True, domain=2, depth_domain=None, ages_ms=(25, 25), sent_us=0):
         self.is_there, self.domain, self.ages_ms = is_there, domain, ages_ms
         self.sent_us = sent_us
@@ -71,12 +74,18 @@ class Package:
             fx=615.0, fy=614.0, ppx=320.0, ppy=241.0, width=640, height=480,
             model="inverse", coeffs=[0.0] * 5,
         )  # fmt: skip
-        stream = SimpleNamespace(get_intrinsics=lambda: known)
+        of = {"color": known, "depth": SimpleNamespace(fx=385.0)}
         return SimpleNamespace(
             get_device=lambda: SimpleNamespace(
-                first_depth_sensor=lambda: SimpleNamespace(get_depth_scale=lambda: 0.001)
+                first_depth_sensor=lambda: SimpleNamespace(
+                    get_depth_scale=lambda: 0.001,
+                    supports=lambda option: self.baseline_mm is not None,
+                    get_option=lambda option: self.baseline_mm,
+                )
             ),
-            get_stream=lambda kind: SimpleNamespace(as_video_stream_profile=lambda: stream),
+            get_stream=lambda kind: SimpleNamespace(
+                as_video_stream_profile=lambda: SimpleNamespace(get_intrinsics=lambda: of[kind])
+            ),
         )
 
     def _stop(self):
@@ -104,6 +113,23 @@ def test_pictures_have_depth_in_metres_and_the_factorys_intrinsics():
     assert (image.number, device.read().number) == (1, 2)
     assert device.camera.size == (640, 480)
     assert device.camera.matrix[0].tolist() == [615.0, 0.0, 320.0]
+
+
+@pytest.mark.parametrize(("baseline_mm", "rms_m"), [(50.0, 0.15), (-95.0, 0.079), (None, 0.0)])
+def test_the_error_of_stereo_is_that_of_the_devices_focal_length_and_baseline(baseline_mm, rms_m):
+    """RMS, 6 m away, with 0.08 pixels; an L515 has no baseline."""
+    package = Package()
+    package.baseline_mm = baseline_mm
+    found = opened(package).read().stereo_error * 6.0**2 / 2.58
+    assert found == pytest.approx(rms_m, abs=0.001)
+
+
+@pytest.mark.parametrize("baseline_mm", [0.0, float("nan")])
+def test_a_stereo_device_without_a_baseline_is_refused(baseline_mm):
+    package = Package()
+    package.baseline_mm = baseline_mm
+    with pytest.raises(ConfigError, match="no focal length or baseline"):
+        opened(package)
 
 
 @pytest.mark.parametrize(

@@ -132,7 +132,7 @@ def test_a_person_that_one_camera_sees_is_sent_without_a_place():
     ((person,), sees_room, _) = sent.kept[0]
     assert not person.observed.any()
     assert not sees_room
-    assert cameras.unplaced == {"seen by one camera only": 1}
+    assert cameras.unplaced == {"no second camera shows the same person": 1}
 
 
 def test_pictures_without_a_person_are_not_an_empty_room():

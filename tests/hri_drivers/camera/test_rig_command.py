@@ -48,7 +48,7 @@ def call(*arguments):
         (["a.avi", "none.avi"], "input none.avi: no such file"),
         (["a.avi", ""], "input: empty"),
         (["a.avi", "b.avi", "--host", "robot"], "not an IP address"),
-        (["0", "1", "--size", "640x360"], "give --size 640x480 if the camera supports that size"),
+        (["0", "1", "--size", "640x360"], "leave out --size, or"),
     ],
 )
 def test_a_mistake_is_one_line(arguments, message, files):

@@ -53,7 +53,8 @@ class DescribedNetwork:
             a network for one person is full as soon as it finds one.
 
     Raises:
-        ConfigError: the description or the network is wrong, or the two do not fit each other.
+        ConfigError: the description or the network is wrong, the two do not fit each other, or the
+            network cannot compute an image.
     """
 
     def __init__(self, path: Path, people: int, threads: int = 1) -> None:
@@ -95,7 +96,7 @@ class DescribedNetwork:
 
     def _outputs(self, crop: UInt8) -> tuple[Floats, Floats, Floats, Floats | None]:
         """Return the output for a square image: places, joint scores, person scores, metres."""
-        outputs = self._net.run(self._tensor(crop))
+        outputs = self._computed(crop)
         try:
             if self._about.joints.heatmaps:
                 places, scores, sure = self._peaks(outputs[self._at])
@@ -109,6 +110,17 @@ class DescribedNetwork:
                 f"'people' or 'joints'"
             ) from error
         return places, scores, sure, worlds
+
+    def _computed(self, crop: UInt8) -> list[Float32]:
+        try:
+            return self._net.run(self._tensor(crop))
+        except Exception as error:  # of every kind, from another's runtime
+            reason = " ".join(str(error).split())[:120]
+            raise ConfigError(
+                f"{self._where}: the network cannot compute an image of {self._side} x "
+                f"{self._side} pixels ({reason}); set input.side to the size that it was exported "
+                f"for"
+            ) from error
 
     def _check(self) -> None:
         values = self._about.joints.values

@@ -3,6 +3,7 @@
 Only ``fetch`` opens a connection, through the user's own npm.
 """
 
+import gzip
 import hashlib
 import io
 import json
@@ -12,6 +13,8 @@ import shutil
 import subprocess
 import tarfile
 import tempfile
+import zlib
+from collections.abc import Collection
 from pathlib import Path
 
 from hri_predict.base.errors import ConfigError, OsErrorAs
@@ -23,7 +26,7 @@ SHA256 = "8bb349a7b3a3ba699df23be804ddd3b3eab810b50b15406894be257859388a84"
 COMMAND = "hri-predict camera --fetch-model"
 VARIANTS = ("lite", "full", "heavy")
 MAX_BYTES = 2**27
-"""Maximum size of the package, and of each file in it; the largest has 28 MB."""
+"""Maximum size of the package, 41 MB, and of its content once decompressed, 53 MB."""
 NPM_S = 600.0
 
 
@@ -87,21 +90,29 @@ def read(path: Path, variant: str) -> tuple[bytes, bytes, str]:
     """Return the detector, the landmark network of a variant, and the package's SHA-256.
 
     Raises:
-        ConfigError: the file is missing or damaged, or is not this package.
+        ConfigError: the file is missing or damaged, or is not this package; or it is the one that
+            ``fetch`` keeps, and has changed.
     """
     content = read_model(path)
-    wanted = ("pose_solution_packed_assets", f"pose_landmark_{variant}.tflite")
+    digest = hashlib.sha256(content).hexdigest()
+    if digest != SHA256 and path == kept_at():
+        raise ConfigError(
+            f"model {path}: damaged, or replaced since it was fetched; run '{COMMAND}'"
+        )
+    names = [
+        "pose_solution_packed_assets.data",
+        "pose_solution_packed_assets_loader.js",
+        f"pose_landmark_{variant}.tflite",
+    ]
     try:
-        members = _members(content, wanted)
-        packed = members["pose_solution_packed_assets.data"]
-        loader = members["pose_solution_packed_assets_loader.js"].decode()
-        detector = unpacked(packed, loader, "pose_detection.tflite")
-        landmarks = members[f"pose_landmark_{variant}.tflite"]
-    except (KeyError, ValueError, EOFError, OSError, tarfile.TarError) as error:
+        members = _members(content, names)
+        packed, loader, landmarks = (members[name] for name in names)
+        detector = unpacked(packed, loader.decode(), "pose_detection.tflite")
+    except (KeyError, ValueError, EOFError, OSError, zlib.error, tarfile.TarError) as error:
         raise ConfigError(
             f"model {path}: damaged, or not the package {NAME} ({error}); run '{COMMAND}'"
         ) from error
-    return detector, landmarks, hashlib.sha256(content).hexdigest()
+    return detector, landmarks, digest
 
 
 def read_model(path: Path) -> bytes:
@@ -151,15 +162,24 @@ def unpacked(packed: bytes, loader: str, name: str) -> bytes:
     return packed[start:end]
 
 
-def _members(content: bytes, wanted: tuple[str, ...]) -> dict[str, bytes]:
-    """Return files of a .tgz whose names begin with one of ``wanted``."""
-    found = {}
-    with tarfile.open(fileobj=io.BytesIO(content), mode="r:gz") as archive:
+def _members(content: bytes, names: Collection[str]) -> dict[str, bytes]:
+    """Return the files of a .tgz that have these names, without their folders.
+
+    A crafted archive may expand a thousandfold, or state a size of terabytes.
+    """
+    with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
+        plain = packed.read(MAX_BYTES + 1)
+    if len(plain) > MAX_BYTES:
+        raise ValueError(f"more than {MAX_BYTES >> 20} MiB once decompressed")
+    found: dict[str, bytes] = {}
+    with tarfile.open(fileobj=io.BytesIO(plain), mode="r:") as archive:
         for member in archive:
             name = member.name.rsplit("/", 1)[-1]
-            if not (member.isfile() and name.startswith(wanted)):
+            if not member.isfile() or name not in names:
                 continue
-            if member.size > MAX_BYTES:
+            if name in found:
+                raise ValueError(f"{name} twice")
+            if member.size > MAX_BYTES - sum(map(len, found.values())):
                 raise ValueError(f"{name} is too large")
             file = archive.extractfile(member)
             found[name] = file.read() if file is not None else b""

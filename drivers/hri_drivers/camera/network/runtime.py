@@ -46,7 +46,7 @@ def load_net(content: bytes, where: str, threads: int = 1) -> Net:
     if build is _tflite:
         need_extra("ai_edge_litert", "camera")
     try:
-        return build(content, threads)
+        net = build(content, threads)
     except ConfigError:
         raise
     except Exception as error:  # of every kind, from another's parser
@@ -55,6 +55,12 @@ def load_net(content: bytes, where: str, threads: int = 1) -> Net:
             f"model {where}: not a TFLite or ONNX network that can be loaded ({reason}); give "
             f"another file"
         ) from error
+    if net.shape[0] != 1:
+        raise ConfigError(
+            f"model {where}: the network takes {net.shape[0]} images at once; export it again with "
+            f"a batch of 1"
+        )
+    return net
 
 
 def _tflite(content: bytes, threads: int) -> Net:

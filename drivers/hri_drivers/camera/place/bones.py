@@ -27,6 +27,17 @@ SHARES = {
     ("elbow", "wrist"): 0.146,
 }
 """Length of each bone as a fraction of the stature; each exists on both sides of the body."""
+CARRIED_SHARES = {
+    "{}_wrist": (0.108, ("{}_index", "{}_pinky", "{}_thumb")),
+    "{}_ankle": (0.152, ("{}_heel", "{}_foot_index")),
+    "{}_shoulder": (
+        0.182,
+        ("{}_ear", "{}_eye", "{}_eye_inner", "{}_eye_outer", "mouth_{}", "nose"),
+    ),
+}
+"""Joints of hands, feet and head by the joint that carries them, and their maximum distance from it
+as a fraction of the stature: the length of the hand, of the foot, and from the shoulder to the top
+of the head. "{}" is the side. They do not measure a stature."""
 MIN_SHARE = 0.7
 """Minimum sum of the fractions of the bones that measure a stature: both arms, or a leg and an
 arm."""
@@ -40,6 +51,8 @@ class Bones:
         ends: (B, 2) joints at the ends of each bone.
         shares: (B,) length of each bone as a share of the stature.
         hips, shoulders, ankles: the joints on the left and the right.
+        carried: (C, 2) joints that carry hands, feet and head, and the joint that each carries.
+        carried_shares: (C,) maximum distance between the two as a share of the stature.
     """
 
     ends: Ints
@@ -47,6 +60,8 @@ class Bones:
     hips: tuple[int, int]
     shoulders: tuple[int, int]
     ankles: tuple[int, int]
+    carried: Ints
+    carried_shares: Floats
 
     def stature(self, positions: Floats, known: Bools) -> float:
         """Return the stature in metres from all bones with known ends; NaN if these bones are too
@@ -90,4 +105,16 @@ def bones_of(layout: str) -> Bones:
             f"joint map '{layout}': no hips, knees, shoulders or elbows under the names of "
             f"mediapipe33 and coco17; use one of these maps"
         ) from None
-    return Bones(np.array(ends), np.array([*SHARES.values()] * 2), hips, shoulders, ankles)
+    shares = np.array([*SHARES.values()] * 2)
+    carried = [
+        (joints.index(carrier.format(side)), joints.index(name.format(side)), share)
+        for side in ("left", "right")
+        for carrier, (share, names) in CARRIED_SHARES.items()
+        for name in names
+        if name.format(side) in joints
+    ]
+    pairs = np.array([each[:2] for each in carried]).reshape(-1, 2)
+    return Bones(
+        np.array(ends), shares, hips, shoulders, ankles, pairs,
+        np.array([share for *_, share in carried]),
+    )  # fmt: skip

@@ -3,6 +3,7 @@
 A pixel at the edge of a limb may show the wall behind it, so the nearest surface of a small patch
 is used. An object in front of the person is then measured instead of the joint. The bone lengths
 reveal this: a joint farther from its neighbours than a bone's maximum length counts as not
+measured, and so does a joint of a hand, a foot or the head whose wrist, ankle or shoulder is not
 measured.
 """
 
@@ -24,6 +25,7 @@ from hri_drivers.camera.place.placed import (
 from hri_drivers.camera.seen import Float32, Seen
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import ConfigError
+from hri_predict.base.geometry import norm
 
 PATCH = 0.006
 """Half the side of a patch, as a share of the focal length: 2 cm on a person 3 m away."""
@@ -47,10 +49,12 @@ ERROR_M = 0.08
 """99 % bound of the error at short range, where it comes from the thickness of the body."""
 ERROR_SHARE = 0.02
 """Further error as a share of the distance: "less than 2 % at 2 m" (Intel RealSense D400 data
-sheet, depth accuracy)."""
+sheet, depth accuracy). That of stereo grows with the square of the distance, and is added."""
 
 
-def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unplaced:
+def place_by_depth(
+    seen: Seen, depth: Float32, camera: Camera, stereo_error: float = 0.0
+) -> Placed | Unplaced:
     """Place a person by the depth at the pixels of the joints.
 
     Args:
@@ -58,6 +62,7 @@ def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unpla
         depth: (H, W) metres along the optical axis, aligned with the colour image; 0 or NaN
             where not measured.
         camera: camera for images of this size.
+        stereo_error: see ``Image``.
 
     Raises:
         ConfigError: depth and colour images differ in size.
@@ -81,7 +86,7 @@ def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unpla
     known = np.isfinite(points).all(axis=1)
     if known.any():
         known &= np.abs(depths - np.median(depths[known])) <= REACH_M
-        known = _whole(points, known, bones_of(seen.layout))
+        known = _carried(points, _whole(points, known, bones_of(seen.layout)), seen.layout)
     if np.count_nonzero(known) < MIN_JOINTS:
         return Unplaced("too few joints with depth")
     middle = np.median(points[known], axis=0)
@@ -90,7 +95,8 @@ def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unpla
         return Unplaced(f"not between {NEAREST_M:g} and {FARTHEST_M:g} m away")
     # of a wrong focal length the joint farthest from the optical axis is off the most
     aside = camera.focal_error * float(np.hypot(points[known, 0], points[known, 1]).max())
-    error_m = math.hypot(ERROR_M, ERROR_SHARE * distance) + aside
+    stereo = stereo_error * float(points[known, 2].max()) ** 2
+    error_m = math.hypot(ERROR_M, ERROR_SHARE * distance, stereo) + aside
     return Placed(np.where(known[:, None], points, np.nan), known, error_m)
 
 
@@ -150,3 +156,19 @@ def _whole(points: Floats, known: Bools, bones: Bones) -> Bools:
         depth = points[:, 2]
         middle = np.median(depth[known])
         known[first if abs(depth[first] - middle) > abs(depth[second] - middle) else second] = False
+
+
+def _carried(points: Floats, known: Bools, layout: str) -> Bools:
+    """Return the joints without those of hands, feet and head that are too far from the body.
+
+    One whose wrist, ankle or shoulder is not known cannot be checked, and is left out.
+    """
+    bones, known = bones_of(layout), known.copy()
+    carriers, ends = bones.carried.T
+    lengths = norm(points[carriers] - points[ends])
+    is_near = lengths <= bones.carried_shares * MAX_STATURE_M * LOOSE
+    confirmed = np.zeros_like(known)
+    confirmed[ends[known[carriers] & is_near]] = True
+    confirmed[ends[known[carriers] & ~is_near]] = False  # the nose has two shoulders
+    known[ends] &= confirmed[ends]
+    return known

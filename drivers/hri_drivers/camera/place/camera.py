@@ -25,13 +25,16 @@ from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.base.settings import Pose, Settings, validated
 
 FIELD_OF_VIEW_DEG = 64.0
-"""Horizontal field of view assumed for an unknown webcam. Data sheets give 50 to 80 degrees for
-most webcams and laptops; the focal length at 64 degrees is the geometric mean of those at 50 and
-80."""
+"""Field of view assumed for an unknown webcam, along the longer side of its images. Data sheets
+give 50 to 80 degrees for most webcams and laptops; the focal length at 64 degrees is the geometric
+mean of those at 50 and 80."""
 GUESSED_FOCAL_ERROR = 0.36
 """The focal length for 50 degrees is 34 % larger than for 64, for 80 degrees 26 % smaller."""
 STATED_FOCAL_ERROR = 0.06
 """For a horizontal angle from a data sheet, which may be wrong by 3 degrees at 70."""
+WIDE = 16 / 9
+"""Shape of the images to which data sheets refer. A webcam makes narrower images by cutting off
+the sides of these: 70 degrees become 55 at 4:3, a focal length that is 33 % larger."""
 MIN_VIEW_DEG, MAX_VIEW_DEG = 10.0, 120.0  # a wider lens needs the model of a fisheye
 OPTICAL_FROM_REP103 = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """(3, 3) from x forward, y left, z up to the camera's own axes."""
@@ -102,8 +105,8 @@ class Camera:
         if abs(height - scale * self.size[1]) > 1.0:
             raise ConfigError(
                 f"the camera was calibrated with images of {self.size[0]} x {self.size[1]}, and "
-                f"these are {width} x {height}: give --size {self.size[0]}x{self.size[1]} if the "
-                f"camera supports that size, or calibrate again with images of this size"
+                f"these are {width} x {height}: use images of {self.size[0]} x {self.size[1]} or "
+                f"of the same shape, or calibrate again with images of this size"
             )
         matrix = self.matrix.copy()
         matrix[:2, 2] = (matrix[:2, 2] + 0.5) * scale - 0.5  # pixel centres are whole numbers
@@ -127,7 +130,11 @@ class Camera:
 
 
 def guessed_camera(width: int, height: int, field_of_view_deg: float | None = None) -> Camera:
-    """Return a camera without distortion with this horizontal field of view; None: not known.
+    """Return a camera without distortion with this field of view; None: not known.
+
+    It is the angle of the longer side: a portrait image is that of a camera turned on its side. A
+    stated field of view may be that of a data sheet, so its error is larger if images narrower
+    than 16:9 may lack the sides.
 
     Raises:
         ConfigError: the field of view is outside the range of this camera model.
@@ -137,12 +144,15 @@ def guessed_camera(width: int, height: int, field_of_view_deg: float | None = No
         raise ConfigError(
             f"field of view: must be {MIN_VIEW_DEG:g} to {MAX_VIEW_DEG:g} degrees; got {degrees:g}"
         )
-    focal = width / 2 / math.tan(math.radians(degrees) / 2)
+    longer, shorter = max(width, height), min(width, height)
+    focal = longer / 2 / math.tan(math.radians(degrees) / 2)
     middle = (width - 1) / 2, (height - 1) / 2
+    cut = max(1.0, WIDE * shorter / longer)
+    stated_error = (1 + STATED_FOCAL_ERROR) * cut - 1
     return Camera(
         matrix=np.array([[focal, 0.0, middle[0]], [0.0, focal, middle[1]], [0.0, 0.0, 1.0]]),
         size=(width, height),
-        focal_error=GUESSED_FOCAL_ERROR if field_of_view_deg is None else STATED_FOCAL_ERROR,
+        focal_error=GUESSED_FOCAL_ERROR if field_of_view_deg is None else stated_error,
     )
 
 

@@ -3,18 +3,22 @@
 Each joint is the point nearest to its rays, found by linear least squares. A second pass weights
 each ray by the inverse square of its distance, which minimizes angular errors (the midpoint method
 and its correction: R. Hartley and P. Sturm, "Triangulation", Computer Vision and Image
-Understanding 68(2), 1997). A joint whose rays miss each other is not observed. People are matched
-between cameras by how well their rays meet, and by whether the resulting body has a person's size:
-two people of equal height next to each other also produce two false bodies.
+Understanding 68(2), 1997). A joint whose rays miss each other is not observed.
+
+People are matched between cameras by how well their rays meet. The rays of two different people
+often meet as well, at a body that is too near and too small, or too far and too large. A match
+therefore also needs most of the joints that both cameras see, and the distance from each camera
+that its image shows by itself.
 """
 
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hri_drivers.camera.place.alone import place_alone
 from hri_drivers.camera.place.bones import bones_of
 from hri_drivers.camera.place.camera import Camera
 from hri_drivers.camera.place.placed import (
@@ -38,7 +42,13 @@ DISAGREE_M = 0.1
 MIN_PARALLAX_DEG = 5.0
 """Minimum angle between rays; more parallel rays do not determine the distance of their point."""
 MIN_JOINTS = 6
-MIN_STATURE_M, MAX_STATURE_M = 1.1, 2.3
+MIN_AGREE = 0.7
+"""Minimum share of the commonly seen joints on which the cameras agree. The bodies of people found
+by BlazePose have 0.72 or more, every fifth false body less (docs/measured/camera-place.md)."""
+STATURE_M = 1.1, 2.3
+"""Minimum and maximum stature by the bones, which are noisy."""
+FLAT_STATURE_M = 1.3, 2.1
+"""The same for a network without metres, with which nothing else shows a false body's size."""
 RIVAL, RIVAL_M = 2.0, 0.01
 """A match is ambiguous if a rival match's miss is less than this factor times the match's own miss
 plus this distance."""
@@ -98,12 +108,15 @@ class _Rays:
         origin: (3,) the camera, room.
         ways: (J, 3) unit vectors, room.
         known: (J,) which joints the camera saw.
+        alone: the place by this image alone, in the axes of the room; None if the network gives no
+            landmarks in metres.
     """
 
     origin: Floats
     ways: Floats
     known: Bools
     layout: str
+    alone: Placed | Unplaced | None
 
 
 _Pair = tuple[tuple[int, int], tuple[int, int]]
@@ -153,7 +166,10 @@ def _rays(seen: Seen, camera: Camera, to_room: Floats) -> _Rays:
         & np.isfinite(flat).all(axis=1)
     )
     ways = np.column_stack([flat, np.ones(len(flat))]) @ to_room[:3, :3].T
-    return _Rays(to_room[:3, 3], ways / norm(ways)[:, None], known, seen.layout)
+    alone = None if seen.world is None else place_alone(seen, camera)
+    if isinstance(alone, Placed):
+        alone = replace(alone, positions=transform(to_room, alone.positions))
+    return _Rays(to_room[:3, 3], ways / norm(ways)[:, None], known, seen.layout, alone)
 
 
 def _groups(
@@ -184,7 +200,7 @@ def _groups(
     found = []
     for member, group in groups.items():
         if member == min(group.items()):
-            why = "seen by one camera only" if len(group) == 1 else ""
+            why = "no second camera shows the same person" if len(group) == 1 else ""
             if doubtful & set(group.items()):
                 why = "rays of several people meet"
             found.append((group, why))
@@ -201,12 +217,37 @@ def _cost(rays: Sequence[_Rays]) -> float:
     """Return the miss distance of a body's rays, in metres; infinite if they do not form a body."""
     body = _triangulate(rays)
     met = np.isfinite(body.misses)
-    if np.count_nonzero(met) < MIN_JOINTS:
+    common = np.sum([each.known for each in rays], axis=0) >= 2
+    if np.count_nonzero(met) < max(MIN_JOINTS, MIN_AGREE * np.count_nonzero(common)):
         return math.inf
     stature = bones_of(rays[0].layout).stature(body.points, met)
-    if not MIN_STATURE_M <= stature <= MAX_STATURE_M:  # NaN: too few bones to be sure
+    low, high = FLAT_STATURE_M if any(each.alone is None for each in rays) else STATURE_M
+    if not low <= stature <= high:  # NaN: too few bones to be sure
+        return math.inf
+    off = np.array([_off_alone(each, body.points) for each in rays if each.alone is not None])
+    # the images of one person err independently; a false body is too near for all, or too far
+    if not (np.abs(off) <= 1).all() or abs(off.sum()) > math.sqrt(len(off)):
         return math.inf
     return float(np.median(body.misses[met]))
+
+
+def _off_alone(rays: _Rays, points: Floats) -> float:
+    """Return how much farther away a person is by this camera's image alone than by triangulation.
+
+    As a share of the 99 % bound that the image alone states; infinite if it gives no place.
+
+    Args:
+        rays: the person in one view, whose network gives landmarks in metres.
+        points: (J, 3) the triangulated body, metres, room.
+    """
+    if not isinstance(rays.alone, Placed):
+        return math.inf
+    both = np.isfinite(points).all(axis=1) & rays.alone.observed
+    if not both.any():
+        return math.inf
+    places = rays.alone.positions, points
+    alone_m, together_m = (norm(np.median(each[both], axis=0) - rays.origin) for each in places)
+    return float((alone_m - together_m) / rays.alone.error_m)
 
 
 def _triangulate(rays: Sequence[_Rays]) -> _Body:

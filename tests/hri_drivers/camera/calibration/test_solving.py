@@ -144,6 +144,16 @@ def test_the_command_writes_the_pose_and_prints_it(solved, tmp_path):
     assert pose.xyz[2] > 0.8
 
 
+def test_a_pose_from_an_image_of_another_shape_names_a_remedy_that_the_command_has(tmp_path):
+    path, picture = tmp_path / "camera.yaml", tmp_path / "board.png"
+    path.write_text("{width: 640, height: 480, focal: [500, 500], centre: [320, 240]}")
+    cv2.imwrite(str(picture), np.zeros((360, 640), np.uint8))
+    line = f"pose --camera {path} --image {picture} --square 0.025 --at 1,2,0.8".split()
+    said = str(CliRunner().invoke(app, line).exception)
+    assert "use images of 640 x 480 or of the same shape, or calibrate again" in said
+    assert "--size" not in said
+
+
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [

@@ -172,6 +172,44 @@ def test_a_wrong_description_is_one_line(changes, message, tmp_path):
     assert "\n" not in str(caught.value)
 
 
+FREE = (1, 3, "height", "width")
+
+
+@pytest.mark.parametrize("batch", [4, 0])
+def test_a_network_for_several_images_at_once_is_refused(batch, tmp_path):
+    nodes = [helper.make_node("Identity", ["picture"], ["same"])]
+    shape = (batch, 3, SIDE, SIDE)
+    save(tmp_path / "net.onnx", nodes, [("same", shape)], shape=shape)
+    with pytest.raises(ConfigError, match=r"takes .* images at once.*export it .* batch") as caught:
+        describe(tmp_path, input=NCHW)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_undefined_batch_is_one_image(tmp_path):
+    cells = SIDE // CELL
+    colour_maps(tmp_path / "net.onnx")
+    model = onnx.load(tmp_path / "net.onnx")
+    for value in (model.graph.input[0], model.graph.output[0]):
+        value.type.tensor_type.shape.dim[0].dim_param = "batch"
+    onnx.save(model, tmp_path / "net.onnx")
+    network = describe(tmp_path, input=NCHW, joints={"heatmaps": True})
+    assert network.find(np.zeros((cells, cells, 3), np.uint8)).people == ()
+
+
+def test_a_side_that_the_network_cannot_compute_is_one_line(tmp_path):
+    """It accepts every size, but its matrix fits one only."""
+    nodes = [
+        helper.make_node("Flatten", ["picture"], ["flat"]),
+        helper.make_node("MatMul", ["flat", "weights"], ["rows"]),
+    ]
+    weights = np.zeros((3 * SIDE * SIDE, 51), np.float32)
+    save(tmp_path / "net.onnx", nodes, [("rows", (1, 51))], [("weights", weights)], FREE)
+    assert describe(tmp_path, input=NCHW | {"side": SIDE}).layout == "coco17"
+    with pytest.raises(ConfigError, match=r"cannot compute .*input\.side") as caught:
+        describe(tmp_path, input=NCHW | {"side": 2 * SIDE})
+    assert "\n" not in str(caught.value)
+
+
 def test_the_guide_shows_a_description():
     (block,) = [b for b in pages.blocks("yaml") if b.text.startswith("network:")]
     shown = validated(Description, yaml.safe_load(block.text), block.page.name)

@@ -1,5 +1,6 @@
 """The npm package with BlazePose: fetched only when asked, checked, read."""
 
+import gzip
 import io
 import json
 import stat
@@ -72,6 +73,56 @@ def test_a_damaged_package_is_one_line(content, tmp_path):
     with pytest.raises(ConfigError, match="--fetch-model") as caught:
         package.read(path, "full")
     assert "\n" not in str(caught.value)
+
+
+def sparse(name, size):
+    """A .tgz with a file of a few bytes that states this size: holes are zeros."""
+    info = tarfile.TarInfo("package/" + name)
+    info.type, info.size = tarfile.GNUTYPE_SPARSE, 512
+    header = bytearray(info.tobuf(tarfile.GNU_FORMAT))
+    header[386:398], header[398:410] = b"%011o\0" % 0, b"%011o\0" % 512
+    header[483:495] = size.to_bytes(12, "big") if size >= 8**11 else b"%011o\0" % size
+    header[483] |= 0x80 if size >= 8**11 else 0
+    header[148:156] = b" " * 8
+    header[148:156] = b"%06o\0 " % sum(header)
+    return gzip.compress(bytes(header) + bytes(512 + 1024))
+
+
+NET = "pose_landmark_full.tflite"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (gzip.compress(bytes(package.MAX_BYTES + 1), 1), "MiB once decompressed"),
+        (sparse(NET, 2**40), "too large"),
+        (tgz(**WHOLE, **{"other/pose_landmark_full__tflite": b"x"}), "twice"),
+    ],
+    ids=["expands", "states terabytes", "twice"],
+)  # fmt: skip
+def test_an_archive_that_would_fill_the_memory_is_one_line(content, message, tmp_path):
+    path = tmp_path / "pose.tgz"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=message) as caught:
+        package.read(path, "full")
+    assert "\n" not in str(caught.value)
+
+
+def test_only_the_files_that_are_needed_are_read(tmp_path):
+    """A name that only begins alike is another file."""
+    path = tmp_path / "pose.tgz"
+    others = {"pose_solution_packed_assets__data2": b"x", NET.replace(".", "__") + "x": b"y"}
+    path.write_bytes(tgz(**WHOLE, **others))
+    names = [name.replace("__", ".") for name in WHOLE]
+    assert sorted(package._members(path.read_bytes(), names)) == sorted(names)
+
+
+def test_a_kept_package_that_changed_is_not_opened(tmp_path, monkeypatch):
+    monkeypatch.setenv("HRI_PREDICT_DATA", str(tmp_path))
+    package.kept_at().write_bytes(tgz(**WHOLE))
+    monkeypatch.setattr(package, "_members", lambda *_: pytest.fail("opened"))
+    with pytest.raises(ConfigError, match="replaced since it was fetched"):
+        package.read(package.kept_at(), "full")
 
 
 def test_a_missing_model_names_the_command(tmp_path, monkeypatch):

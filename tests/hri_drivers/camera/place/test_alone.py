@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hri_drivers.camera.place.alone import place_alone
 from hri_drivers.camera.place.placed import Placed, Unplaced
-from hri_drivers.camera.placing import place_alone
 from hri_predict.base.errors import ConfigError
 from tests.hri_drivers.camera.place.bodies import CAMERA, JOINTS, person, seen_at
 

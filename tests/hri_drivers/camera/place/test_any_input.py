@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from hri_drivers.camera.place.alone import place_alone
 from hri_drivers.camera.place.by_depth import place_by_depth
 from hri_drivers.camera.place.placed import Placed, Unplaced
 from hri_drivers.camera.place.together import View, place_together
-from hri_drivers.camera.placing import place_alone
 from hri_drivers.camera.seen import Seen
 from tests.hri_drivers.camera.place.bodies import CAMERA, person, seen_at
 from tests.hri_drivers.camera.place.test_together import LEFT, RIGHT

@@ -12,7 +12,7 @@ from hri_drivers.camera.seen import Seen
 from hri_predict.base.errors import ConfigError
 from tests.hri_drivers.camera.place.bodies import JOINTS, person
 
-CAMERA = guessed_camera(640, 480, 60)
+CAMERA = replace(guessed_camera(640, 480, 60), focal_error=0.06)
 WALL_M = 4.5
 PLACE = np.array([0.2, 0.0, 2.8])
 
@@ -73,6 +73,40 @@ def test_depth_that_is_not_the_bodys_places_no_joint(name, depth_m):
     assert found.observed[JOINTS.index("right_knee")]
 
 
+@pytest.mark.parametrize(
+    "name", ["left_index", "right_thumb", "left_foot_index", "right_heel", "left_ear", "nose"]
+)
+@pytest.mark.parametrize("depth_m", [3.6, 1.9])  # a thing behind it, and one before it
+def test_a_hand_foot_or_head_that_is_too_far_from_the_body_is_not_observed(name, depth_m):
+    seen, depth = picture()
+    joint = JOINTS.index(name)
+    x, y = np.rint(seen.pixels[joint]).astype(int)
+    depth[y - 5 : y + 6, x - 5 : x + 6] = depth_m
+    found = place_by_depth(seen, depth, CAMERA)
+    assert isinstance(found, Placed)
+    assert not found.observed[joint]
+    side = "left" if name.startswith("right") else "right"
+    for kept in ("wrist", "index", "ankle", "foot_index", "shoulder"):
+        assert found.observed[JOINTS.index(f"{side}_{kept}")]
+
+
+@pytest.mark.parametrize(
+    ("carrier", "carried"),
+    [
+        ("left_wrist", ["left_index", "left_pinky", "left_thumb"]),
+        ("right_ankle", ["right_heel", "right_foot_index"]),
+        ("left_shoulder", ["left_ear", "left_eye"]),
+    ],
+)
+def test_what_an_unobserved_joint_carries_is_not_observed(carrier, carried):
+    seen, depth = picture()
+    seen.visibility[JOINTS.index(carrier)] = 0.0
+    found = place_by_depth(seen, depth, CAMERA)
+    assert isinstance(found, Placed)
+    assert not found.observed[[JOINTS.index(name) for name in carried]].any()
+    assert found.observed[JOINTS.index("nose")]  # by the other shoulder
+
+
 @pytest.mark.parametrize("missing", MISSING)
 def test_a_picture_without_depth_is_not_a_place(missing):
     seen, depth = picture()
@@ -102,6 +136,24 @@ def test_the_stated_error_holds_what_a_wrong_focal_length_does_to_every_joint():
     assert off.observed.all()
     moved = np.linalg.norm(off.positions - exact.positions, axis=1).max()
     assert moved <= off.error_m - exact.error_m + 0.01
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "baseline_m", "stated_m"),
+    [(385, 0.05, 0.41), (640, 0.05, 0.28), (385, 0.095, 0.25)],  # D435, D435 at 1280 x 720, D455
+)
+def test_the_stated_error_of_stereo_grows_with_the_square_of_the_distance(
+    focal_px, baseline_m, stated_m
+):
+    """z^2 * 0.08 px / (focal length * baseline) RMS, and 0.08 m and 2 % as for other depth."""
+    pixels = CAMERA.project(person() + np.array([0.0, 0.0, 6.0]))
+    seen = Seen(1, "mediapipe33", pixels, np.ones(33), None)
+    stereo_error = 2.58 * 0.08 / (focal_px * baseline_m)
+    far = np.full((480, 640), 6.0 - SKIN_M, np.float32)
+    camera = replace(CAMERA, focal_error=0.0)
+    found = place_by_depth(seen, far, camera, stereo_error)
+    assert isinstance(found, Placed)
+    assert found.error_m == pytest.approx(stated_m, abs=0.01)
 
 
 def test_a_depth_picture_of_another_size_is_refused():

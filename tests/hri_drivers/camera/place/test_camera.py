@@ -109,9 +109,29 @@ def test_a_wrong_file_is_refused_by_one_line(tmp_path, line, named):
 
 
 def test_a_guess_says_how_little_it_knows():
-    assert guessed_camera(640, 480).focal_error > guessed_camera(640, 480, 70).focal_error
+    assert guessed_camera(640, 360).focal_error > guessed_camera(640, 360, 70).focal_error
     with pytest.raises(ConfigError, match="field of view"):
         guessed_camera(640, 480, 170)
+
+
+@pytest.mark.parametrize("size", [(640, 480), (480, 480), (960, 720)])
+def test_the_error_of_a_stated_angle_holds_images_that_lack_the_sides(size):
+    """A webcam of 70 degrees at 16:9 cuts 640 x 480 out of its images."""
+    width, height = size
+    whole = guessed_camera(round(height * 16 / 9), height, 70)  # before the sides are cut off
+    found = guessed_camera(width, height, 70)
+    wrong = whole.matrix[0, 0] / found.matrix[0, 0] - 1
+    assert whole.focal_error < 0.07
+    assert wrong < found.focal_error < wrong + 0.12
+
+
+@pytest.mark.parametrize("field_of_view_deg", [None, 70])
+def test_a_portrait_picture_is_that_of_a_camera_turned_on_its_side(field_of_view_deg):
+    upright = guessed_camera(360, 640, field_of_view_deg)
+    level = guessed_camera(640, 360, field_of_view_deg)
+    assert upright.matrix[0, 0] == upright.matrix[1, 1] == level.matrix[0, 0]
+    assert upright.focal_error == level.focal_error
+    assert upright.matrix[:2, 2].tolist() == [179.5, 319.5]
 
 
 def test_a_camera_without_a_pose_is_not_in_the_room():
