@@ -25,9 +25,10 @@ from tests.messages import make_advice
 
 MS = 1_000_000
 START = 5_000 * MS
+HEAVY = {"name": "drum", "a": [0.0, 0.0, 0.05], "b": [0.0, 0.0, 0.2], "radius": 0.08}
 TOOLS = [
     {"name": "light", "number": 1, "payload_kg": 0.0},
-    {"name": "heavy", "number": 2, "payload_kg": 5.0},
+    {"name": "heavy", "number": 2, "payload_kg": 5.0, "tool": [HEAVY]},
 ]
 ARM: dict[str, Any] = {"name": "arm", "model": "ur5e", "room_from_robot": {}, "max_speed_m_s": 1.0}
 WITH_TOOLS = RobotSettings.model_validate(ARM | {"tools": TOOLS})
