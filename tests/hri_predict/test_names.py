@@ -43,7 +43,7 @@ robots:
     max_speed_m_s: 1.0
     tools:
       - name: {tool}
-        payload_kg: 1.0
+        payload_kg: 0
 zones:
   - {{name: {zone}, polygon: [[0, 0], [1, 0], [0, 1]]}}
 links:

@@ -58,7 +58,7 @@ def test_the_page_about_zones_has_the_command_for_calibration_recordings_that_it
     known = {f"cmu_mocap/train/{name}" for name in seen}
     assert known < set(split("calibration"))
     page = (ROOT / "docs" / "measured" / "zones.md").read_text(encoding="utf-8")
-    lines = [line[2:] for line in page.splitlines() if line.startswith(("$ seen=", "$ sed "))]
+    lines = [line for line in page.splitlines() if line.startswith(("seen=", "sed "))]
     command = "\n".join(lines).removesuffix(" > unseen.txt")
     done = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True)
     left = [name for name in split("calibration") if name not in known]
