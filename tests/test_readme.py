@@ -265,7 +265,8 @@ def test_command(
         beside.wait()
     if "live_udp.yaml" in words and words[1] == "run":
         assert int(re.findall(r"scenes *│ *(\d+)", out)[0]) > 10
-    assert process.returncode == 0, err
+    slower = 1 if "--baseline" in words else 0  # on a machine that is busy, even 100 times
+    assert process.returncode in (0, slower), f"{out}\n{err}"
     assert "Traceback" not in err
     assert "the calibration was made from" not in err
     if daemon:
