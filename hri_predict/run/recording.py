@@ -29,8 +29,8 @@ def where_to_record(
     """Return the recorder's settings and path, if anything is recorded.
 
     Raises:
-        ConfigError: the path is the recording being played or the configuration, or the folder
-            cannot be used, or there is no file to overwrite.
+        ConfigError: the path is the recording being played or the configuration; the folder cannot
+            be used; there is no file to overwrite.
     """
     settings = _record_settings(config, asked)
     if overwrite and (settings is None or settings.file is None):

@@ -18,9 +18,8 @@ LATENCY_S = 0.06
 """Time from the exposure to the arrival of aligned images, for a device that reports no time on
 this machine's clock, or only the arrival time (``system_time``)."""
 SUBPIXEL = 0.08
-"""Error of the disparity, pixels RMS, with which Intel describes its tuned D400 cameras on textured
-surfaces ("Best-Known-Methods for Tuning Intel RealSense D400 Depth Cameras", 2019). The error of
-the depth z is z^2 * SUBPIXEL / (focal length * baseline): 0.15 m RMS, 6 m away, for a D435 at
+"""Assumed error of the disparity, pixels RMS, on textured surfaces; not measured. The error of the
+depth z is z^2 * SUBPIXEL / (focal length * baseline): 0.15 m RMS, 6 m away, for a D435 at
 640 x 480."""
 MAX_APART_S = 0.05
 """Maximum time between the exposures of colour image and depth; a person walks 8 cm in it."""

@@ -36,6 +36,16 @@ def off_m(found, joint):
     return float(np.linalg.norm(found.positions[number] - (person()[number] + PLACE)))
 
 
+def placed_with(name: str, depth_m: float, around: int) -> Placed:
+    """The person, with a surface of another depth at a joint and ``around`` pixels about it."""
+    seen, depth = picture()
+    x, y = np.rint(seen.pixels[JOINTS.index(name)]).astype(int)
+    depth[y - around : y + around + 1, x - around : x + around + 1] = depth_m
+    found = place_by_depth(seen, depth, CAMERA)
+    assert isinstance(found, Placed)
+    return found
+
+
 @pytest.mark.parametrize("joint", ["left_knee", "right_wrist", "left_shoulder", "right_ankle"])
 def test_joints_are_behind_the_skin_that_is_measured(joint):
     seen, depth = picture()
@@ -63,13 +73,8 @@ MISSING = [0.0, np.nan, np.inf, -1.0, 99.0]
     ],
 )
 def test_depth_that_is_not_the_bodys_places_no_joint(name, depth_m):
-    seen, depth = picture()
-    joint = JOINTS.index(name)
-    x, y = np.rint(seen.pixels[joint]).astype(int)
-    depth[y - 8 : y + 9, x - 8 : x + 9] = depth_m
-    found = place_by_depth(seen, depth, CAMERA)
-    assert isinstance(found, Placed)
-    assert not found.observed[joint]
+    found = placed_with(name, depth_m, 8)
+    assert not found.observed[JOINTS.index(name)]
     assert found.observed[JOINTS.index("right_knee")]
 
 
@@ -78,13 +83,8 @@ def test_depth_that_is_not_the_bodys_places_no_joint(name, depth_m):
 )
 @pytest.mark.parametrize("depth_m", [3.6, 1.9])  # a thing behind it, and one before it
 def test_a_hand_foot_or_head_that_is_too_far_from_the_body_is_not_observed(name, depth_m):
-    seen, depth = picture()
-    joint = JOINTS.index(name)
-    x, y = np.rint(seen.pixels[joint]).astype(int)
-    depth[y - 5 : y + 6, x - 5 : x + 6] = depth_m
-    found = place_by_depth(seen, depth, CAMERA)
-    assert isinstance(found, Placed)
-    assert not found.observed[joint]
+    found = placed_with(name, depth_m, 5)
+    assert not found.observed[JOINTS.index(name)]
     side = "left" if name.startswith("right") else "right"
     for kept in ("wrist", "index", "ankle", "foot_index", "shoulder"):
         assert found.observed[JOINTS.index(f"{side}_{kept}")]
