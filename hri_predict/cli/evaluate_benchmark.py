@@ -12,6 +12,9 @@ if TYPE_CHECKING:  # torch takes seconds to import, which the other commands nee
     from hri_predict.predictors.neural.weights import LoadedWeights
     from hri_predict.run.compared_predictors import ComparedPredictor
 
+AVERAGE = "average"
+"""The mean forecast of all other trained predictors of the command."""
+
 
 def by_benchmark(
     *,
@@ -72,18 +75,21 @@ def _warn_of_longer_histories(
 
 
 def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
-    """Return the network of a trained predictor; ``None`` for one of the benchmark's baselines."""
+    """Return the network of a trained predictor.
+
+    ``None`` for one of the benchmark's baselines, and for the average of the other predictors.
+    """
     from hri_predict.predictors.neural.network import network_class_of
     from hri_predict.predictors.neural.weights import load_weights
 
-    if predictor in ("zero_velocity", "constant_velocity"):
+    if predictor in ("zero_velocity", "constant_velocity", AVERAGE):
         if weights is not None:
             raise ConfigError(f"--weights: {predictor} does not use weights; leave it out")
         return None
     if network_class_of(predictor) is None:
         raise ConfigError(
-            f"--predictor {predictor}: the benchmark evaluates zero_velocity, constant_velocity "
-            f"and trained predictors; leave out --benchmark to evaluate it on recordings"
+            f"--predictor {predictor}: the benchmark evaluates zero_velocity, constant_velocity, "
+            f"trained predictors and their {AVERAGE}; leave out --benchmark to evaluate it on recordings"
         )
     if weights is None:
         raise ConfigError(
@@ -120,6 +126,7 @@ def _forecasters(
 ) -> "dict[str, Forecaster]":
     """Return the requested predictors, then the baselines."""
     from hri_predict.lab.evaluation.benchmark import (
+        average_of,
         constant_velocity,
         network_forecaster,
         zero_velocity,
@@ -128,10 +135,17 @@ def _forecasters(
     baselines = {"zero_velocity": zero_velocity(protocol.n_out)}
     if protocol.error == "mpjpe":  # rotation vectors do not add up, so they have no velocity
         baselines["constant_velocity"] = constant_velocity(protocol.n_out)
+    networks = {
+        name: network_forecaster(protocol, found.network, f"--predictor {name}")
+        for name, found in loaded.items()
+        if found is not None
+    }
     asked = {}
-    for name, found in loaded.items():
-        if found is not None:
-            asked[name] = network_forecaster(protocol, found.network, f"--predictor {name}")
+    for name in loaded:
+        if name in networks:
+            asked[name] = networks[name]
+        elif name == AVERAGE:
+            asked[name] = average_of(_members(protocol, networks))
         elif name in baselines:
             asked[name] = baselines[name]
         else:
@@ -139,3 +153,16 @@ def _forecasters(
                 f"--predictor {name}: has no --error {protocol.error}; use zero_velocity"
             )
     return {**asked, **baselines}
+
+
+def _members(
+    protocol: "Protocol", networks: "Mapping[str, Forecaster]"
+) -> "tuple[Forecaster, ...]":
+    if protocol.error == "euler":
+        raise ConfigError(f"--predictor {AVERAGE}: rotations cannot be averaged; leave it out")
+    if len(networks) < 2:
+        raise ConfigError(
+            f"--predictor {AVERAGE}: averages the other trained predictors; give two or more, such "
+            f"as --predictor mixer=a.safetensors --predictor stb=b.safetensors"
+        )
+    return tuple(networks.values())

@@ -237,6 +237,16 @@ def constant_velocity(n_out: int) -> Forecaster:
     return forecast
 
 
+def average_of(members: Sequence[Forecaster]) -> Forecaster:
+    """Return the forecaster whose forecast is the mean of the members' (positions only)."""
+
+    def average(history: Floats) -> Floats:
+        mean: Floats = np.mean([member(history) for member in members], axis=0)
+        return mean
+
+    return average
+
+
 def network_forecaster(protocol: Protocol, network: Network, where: str) -> Forecaster:
     """A trained network as a forecaster; steps before the window count as unobserved.
 

@@ -102,6 +102,7 @@ def test_euler_error_is_read_twice(cli, pack):
         (["--benchmark", "cmu", "--n-out", "12"], "10 or 25"),
         (["--benchmark", "cmu", "--predictor", "kalman"], "trained predictors"),
         (["--benchmark", "cmu", "--predictor", "stb"], "give --weights FILE"),
+        (["--benchmark", "cmu", "--predictor", "average"], "give two or more"),
         (["--benchmark", "cmu", "--predictor", "stbb"], "unknown predictor 'stbb'"),
         (["--benchmark", "cmu", "--weights", "w"], "does not use weights"),
         (["--benchmark", "cmu", "--error", "euler", "--predictor", "constant_velocity"], "--error"),
@@ -216,6 +217,11 @@ def test_each_network_on_the_benchmark_reads_its_own_weights(cli, pack, tmp_path
         alone = json.loads(cli(*common, *pair)[1])["results"][0]
         assert alone in both["results"]
         assert alone["method"] == name
+    texts = [f"{n}={f}" for n, f in zip(names, files, strict=True)]
+    asked = [part for text in (*texts, "average") for part in ("--predictor", text)]
+    mean = json.loads(cli(*common, *asked)[1])["results"][2]
+    assert mean["method"] == "average"
+    assert mean["mean"][-1] < max(r["mean"][-1] for r in both["results"][:2])
     rotations = Shape(skeleton=CMU38, history_steps=50, horizon_steps=25, rate_hz=25.0, framed=True)
     mapped = untrained(tmp_path / "rotations.safetensors", "sinn", 3, rotations)
     status, _, error = cli(*common, "--predictor", "sinn", "--weights", mapped, *pairs[1])

@@ -10,6 +10,7 @@ from hri_predict.contracts import registry
 from hri_predict.lab.evaluation.benchmark import (
     ActionTests,
     Protocol,
+    average_of,
     constant_velocity,
     judge,
     mean_over,
@@ -51,6 +52,13 @@ def pack(folder, expmap):
     (folder / "test").mkdir(parents=True)
     np.savez(folder / "test" / "walking_1.npz", expmap=expmap.astype(np.float32))
     return folder
+
+
+def test_an_average_is_the_mean_of_its_members_forecasts(rng):
+    history = rng.normal(size=(4, 10, 38, 3))
+    members = zero_velocity(25), constant_velocity(25)
+    standing, moving = (member(history) for member in members)
+    np.testing.assert_array_equal(average_of(members)(history), (standing + moving) / 2)
 
 
 @pytest.fixture
