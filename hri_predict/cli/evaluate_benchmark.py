@@ -89,7 +89,8 @@ def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
     if network_class_of(predictor) is None:
         raise ConfigError(
             f"--predictor {predictor}: the benchmark evaluates zero_velocity, constant_velocity, "
-            f"trained predictors and their {AVERAGE}; leave out --benchmark to evaluate it on recordings"
+            f"trained predictors and their {AVERAGE}; leave out --benchmark to evaluate it on "
+            f"recordings"
         )
     if weights is None:
         raise ConfigError(
