@@ -25,6 +25,7 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
+from hri_predict.predictors.neural.mirror import Mirror
 from hri_predict.predictors.neural.network import (
     DECIMETRES,
     BodyFrames,
@@ -69,7 +70,6 @@ class Mixer(Network):
     options: MixerOptions
     cosines: Tensor
     ahead: Tensor
-    mirror: Tensor
 
     def __init__(self, shape: Shape, options: MixerOptions) -> None:
         super().__init__(shape)
@@ -79,10 +79,7 @@ class Mixer(Network):
         self.register_buffer("cosines", cosine_matrix(steps), persistent=False)
         ahead = torch.arange(1, shape.horizon_steps + 1, dtype=torch.float32)
         self.register_buffer("ahead", ahead[:, None, None], persistent=False)
-        order = list(range(shape.joints))
-        for left, right in shape.skeleton.left_right_pairs:
-            order[left], order[right] = right, left
-        self.register_buffer("mirror", torch.tensor(order), persistent=False)
+        self.mirror = Mirror(shape.skeleton)
         self.moved = nn.Linear(4 * shape.joints, width)
         self.pose = nn.Linear(4 * shape.joints, width)
         self.blocks = nn.Sequential(
@@ -98,10 +95,7 @@ class Mixer(Network):
         """Predict (B, H, J, 3) metres in the body frame."""
         if not self.mirrors or self.training:
             return self._ahead(window)
-        positions = torch.cat([window.positions, self._mirrored(window.positions)])
-        observed = torch.cat([window.observed, window.observed[:, :, self.mirror]])
-        own, other = self._ahead(BodyFrames(positions, observed)).chunk(2)
-        return 0.5 * (own + self._mirrored(other))
+        return self.mirror.averaged(self._ahead, window)
 
     def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
         """MPJPE of the positions, plus that of the velocities."""
@@ -130,11 +124,6 @@ class Mixer(Network):
             velocity = (last - window.positions[:, -1 - steps :][:, :1]) / steps
             change = change + said[..., index, None] * self.ahead * velocity
         return last + change
-
-    def _mirrored(self, positions: Tensor) -> Tensor:
-        """(B, T, J, 3) left and right exchanged; the body frame's y axis points to the left."""
-        swapped = positions[:, :, self.mirror]
-        return torch.cat([swapped[..., :1], -swapped[..., 1:2], swapped[..., 2:]], dim=-1)
 
 
 class Block(nn.Module):

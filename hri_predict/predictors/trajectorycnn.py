@@ -33,6 +33,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hri_predict.base.skeleton import Skeleton
+from hri_predict.predictors.neural.mirror import Mirror
 from hri_predict.predictors.neural.network import (
     DECIMETRES,
     BodyFrames,
@@ -63,6 +64,8 @@ class TrajectoryCNNOptions(NetworkOptions):
             layers.
         slope: slope of LeakyReLU below zero.
         relative: feed displacements from the last pose, not raw positions.
+        mirrored: average with the forecast of the mirror image, as the mixer does; not in the
+            paper.
     """
 
     channels: int = Field(64, ge=1, le=1024)
@@ -74,6 +77,7 @@ class TrajectoryCNNOptions(NetworkOptions):
     paths: Literal["pairs", "nested"] = "pairs"
     slope: float = Field(0.01, ge=0, le=1)
     relative: bool = True
+    mirrored: bool = False
 
 
 class TrajectoryCNN(Network):
@@ -88,6 +92,8 @@ class TrajectoryCNN(Network):
     def __init__(self, shape: Shape, options: TrajectoryCNNOptions) -> None:
         super().__init__(shape)
         self.options = options
+        self.mirrors = options.mirrored and bool(shape.skeleton.left_right_pairs)
+        self.mirror = Mirror(shape.skeleton)
         order = torch.tensor(part_order(shape.skeleton))
         self.register_buffer("order", order, persistent=False)
         self.register_buffer("place", order.argsort(), persistent=False)
@@ -109,7 +115,13 @@ class TrajectoryCNN(Network):
         )
 
     def forward(self, window: BodyFrames) -> Tensor:
-        """Predict (B, H, J, 3) metres in the body frame: the last frame repeated, plus a change."""
+        """Predict (B, H, J, 3) metres in the body frame."""
+        if self.mirrors and not self.training:
+            return self.mirror.averaged(self._ahead, window)
+        return self._ahead(window)
+
+    def _ahead(self, window: BodyFrames) -> Tensor:
+        """The last frame repeated, plus a change."""
         last = last_pose(window)
         observed = window.observed[:, :, self.order].to(last.dtype)
         positions = window.positions[:, :, self.order] * DECIMETRES

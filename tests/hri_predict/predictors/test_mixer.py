@@ -78,7 +78,7 @@ def test_a_factor_of_one_carries_the_velocity_on() -> None:
 
 def test_left_and_right_are_alike() -> None:
     net, given = stirred(**SMALL), window()
-    order = [int(i) for i in net.mirror]
+    order = [int(i) for i in net.mirror.order]
     other = BodyFrames(mirrored(given.positions), given.observed[:, :, order])
     forecast = net(given)
     assert (forecast - last_pose(given)).abs().max() > 0.01

@@ -208,6 +208,20 @@ def test_same_bytes_and_independent_of_the_batch() -> None:
     torch.testing.assert_close(alone, predicted[2:3], rtol=0, atol=1e-5)
 
 
+def test_mirrored_treats_left_and_right_alike_once_trained() -> None:
+    net, given = network(**SMALL, mirrored=True), window()
+    image = BodyFrames(net.mirror(given.positions), given.observed[..., net.mirror.order])
+    net.eval()
+    torch.testing.assert_close(net(image), net.mirror(net(given)), rtol=1e-5, atol=1e-5)
+    plain = network(**SMALL).eval()
+    assert (net(given) - plain(given)).abs().max() > 1e-3
+    net.train()
+    torch.manual_seed(3)
+    one = net(given)
+    torch.manual_seed(3)
+    assert torch.equal(one, plain.train()(given))  # training draws mirror images instead
+
+
 def test_unknown_kernel_is_refused_in_one_line() -> None:
     with pytest.raises(ConfigError, match=r"x\.yaml: kernel: .*'3x3'"):
         validated(TrajectoryCNNOptions, {"kernel": "5x5"}, "x.yaml")

@@ -21,7 +21,6 @@ from torch import Tensor
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import Settings
-from hri_predict.base.skeleton import Skeleton
 from hri_predict.lab.datasets.cmu_benchmark import (
     ACTIONS,
     RATE_HZ,
@@ -43,6 +42,7 @@ from hri_predict.lab.datasets.human36m import (
 from hri_predict.lab.datasets.splits import benchmark_split
 from hri_predict.lab.training.windows.samples import Samples
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
+from hri_predict.predictors.neural.mirror import Mirror
 from hri_predict.predictors.neural.network import Shape
 
 log = logging.getLogger(__name__)
@@ -131,6 +131,7 @@ class BenchmarkSamples:
             framed=True,
         )
         self._data = data
+        self._mirror = Mirror(self.shape.skeleton)
         self._fit = _Windows(fitted, self.actions, self.shape)
         self._validation = _Windows(validation, self.actions, self.shape) if validation else None
         if self._validation is not None:
@@ -185,7 +186,7 @@ class BenchmarkSamples:
         backwards = torch.from_numpy(rng.random(size) < self._data.reverse)
         whole[backwards] = whole[backwards].flip(1)
         mirrored = torch.from_numpy(rng.random(size) < self._data.mirror)
-        whole[mirrored] = _mirrored(whole[mirrored], self.shape.skeleton)
+        whole[mirrored] = self._mirror(whole[mirrored])
         steps = self.shape.history_steps
         return replace(samples, history=whole[:, :steps], future=whole[:, steps:])
 
@@ -274,14 +275,6 @@ class _Windows:
             known=torch.ones(future.shape[:3], dtype=torch.bool),
             actions=torch.from_numpy(np.asarray(actions)),
         )
-
-
-def _mirrored(positions: Tensor, skeleton: Skeleton) -> Tensor:
-    """Left and right exchanged: (..., J, 3), y to the left."""
-    order = torch.arange(len(skeleton.joints))
-    for left, right in skeleton.left_right_pairs:
-        order[left], order[right] = right, left
-    return positions[..., order, :] * positions.new_tensor([1.0, -1.0, 1.0])
 
 
 def model_values(clip: Clip, space: str) -> Floats:
