@@ -25,7 +25,7 @@ Where this differs from the paper, or the paper leaves it open:
 - Eq. 5 prints a squared norm but is called, and evaluated as, MPJPE; here the loss is MPJPE.
 """
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import torch
 from pydantic import Field
@@ -40,7 +40,9 @@ from hri_predict.predictors.neural.network import (
     Network,
     NetworkOptions,
     Shape,
+    Target,
     last_pose,
+    mpjpe,
 )
 from hri_predict.predictors.neural.predictor import NeuralPredictor
 
@@ -66,7 +68,13 @@ class TrajectoryCNNOptions(NetworkOptions):
         relative: feed displacements from the last pose, not raw positions.
         mirrored: average with the forecast of the mirror image, as the mixer does; not in the
             paper.
+        bone_weight: weight of the error of bone vectors (from parent to joint) in the loss; 0 in
+            the paper.
+        early: how much more the first steps weigh in the loss: step h (from 1) weighs as h to the
+            power of minus this; 0 in the paper. Relative errors are larger there.
     """
+
+    training: ClassVar[tuple[str, ...]] = ("bone_weight", "early")
 
     channels: int = Field(64, ge=1, le=1024)
     blocks: int = Field(4, ge=1, le=32)
@@ -78,6 +86,8 @@ class TrajectoryCNNOptions(NetworkOptions):
     slope: float = Field(0.01, ge=0, le=1)
     relative: bool = True
     mirrored: bool = False
+    bone_weight: float = Field(0.0, ge=0)
+    early: float = Field(0.0, ge=0, le=2)
 
 
 class TrajectoryCNN(Network):
@@ -88,6 +98,8 @@ class TrajectoryCNN(Network):
     options: TrajectoryCNNOptions
     order: Tensor
     place: Tensor
+    step_weights: Tensor
+    bones: Tensor
 
     def __init__(self, shape: Shape, options: TrajectoryCNNOptions) -> None:
         super().__init__(shape)
@@ -104,6 +116,10 @@ class TrajectoryCNN(Network):
             inputs, outputs = 4, 3  # coordinates and the mask; coordinates
         width = options.channels
         block = NestedBlock if options.paths == "nested" else TrajectoryBlock
+        steps = torch.arange(1.0, shape.horizon_steps + 1) ** -options.early
+        self.register_buffer("step_weights", steps / steps.mean(), persistent=False)
+        bones = [(i, parent) for i, parent in enumerate(shape.skeleton.parents) if parent >= 0]
+        self.register_buffer("bones", torch.tensor(bones).T, persistent=False)
         self.trajectory_space = _convolution(inputs, width)  # Eq. 1
         self.encoder = nn.Sequential(  # Eq. 3
             *(block(width, kernel, options) for _ in range(options.blocks))
@@ -119,6 +135,19 @@ class TrajectoryCNN(Network):
         if self.mirrors and not self.training:
             return self.mirror.averaged(self._ahead, window)
         return self._ahead(window)
+
+    def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
+        """MPJPE of the positions, and of the bones if they have a weight."""
+        predicted, weights = self(window), self.step_weights
+        losses = {"position": mpjpe(predicted, target, weights)}
+        if self.options.bone_weight:
+            joint, parent = self.bones
+            known = target.observed[:, :, joint] & target.observed[:, :, parent]
+            true = target.positions[:, :, joint] - target.positions[:, :, parent]
+            bones = predicted[:, :, joint] - predicted[:, :, parent]
+            wrong = mpjpe(bones, Target(true, known), weights)
+            losses["bones"] = self.options.bone_weight * wrong
+        return losses
 
     def _ahead(self, window: BodyFrames) -> Tensor:
         """The last frame repeated, plus a change."""

@@ -229,10 +229,13 @@ def last_pose(window: BodyFrames) -> Tensor:
     return window.positions[:, -1:]
 
 
-def mpjpe(predicted: Tensor, target: Target) -> Tensor:
-    """Mean per joint position error over the known part of the future, metres."""
+def mpjpe(predicted: Tensor, target: Target, weights: Tensor | None = None) -> Tensor:
+    """Mean per joint position error over the known part of the future, metres.
+
+    ``weights``: (H,) weight of each step, with mean 1; default: all alike.
+    """
     error = (predicted[..., :3] - target.positions).square().sum(-1).add(1e-12).sqrt()
-    known = target.observed
+    known = target.observed if weights is None else target.observed * weights[:, None]
     return (error * known).sum() / known.sum().clamp(min=1)
 
 

@@ -222,6 +222,42 @@ def test_mirrored_treats_left_and_right_alike_once_trained() -> None:
     assert torch.equal(one, plain.train()(given))  # training draws mirror images instead
 
 
+def test_a_moved_body_has_wrong_positions_and_right_bones() -> None:
+    net, given = network(**SMALL, bone_weight=0.5).eval(), window()
+    with torch.no_grad():
+        moved = Target(net(given) + torch.tensor([0.3, 0.0, 0.4]), target().observed)
+        losses = net.losses(given, moved, 0.0)
+    assert set(losses) == {"position", "bones"}
+    torch.testing.assert_close(losses["position"], torch.tensor(0.5), rtol=1e-5, atol=1e-5)
+    assert losses["bones"] < 1e-5
+
+
+def test_bones_count_only_where_both_ends_are_known() -> None:
+    net, given = network(**SMALL, bone_weight=0.5).eval(), window()
+    known = target().observed
+    known[:, :, ELBOW] = False
+    with torch.no_grad():
+        future = net(given)
+        wild = future.clone()
+        wild[:, :, ELBOW] += 100.0
+        assert net.losses(given, Target(wild, known), 0.0)["bones"] < 1e-5
+        assert net.losses(given, Target(wild, target().observed), 0.0)["bones"] > 1.0
+
+
+def test_early_steps_weigh_more_with_the_same_mean() -> None:
+    given = window()
+    net = network(**SMALL, early=0.5).eval()
+    assert net.step_weights.mean().item() == pytest.approx(1.0)
+    with torch.no_grad():
+        future = net(given)
+        for step, share in ((0, net.step_weights[0]), (8, net.step_weights[8])):
+            wrong = future.clone()
+            wrong[:, step, :, 0] += 0.9
+            loss = net.losses(given, Target(wrong, target().observed), 0.0)["position"]
+            torch.testing.assert_close(loss, 0.1 * share, rtol=1e-4, atol=1e-5)
+    assert net.step_weights[0] == pytest.approx(3.0 * net.step_weights[8].item())
+
+
 def test_unknown_kernel_is_refused_in_one_line() -> None:
     with pytest.raises(ConfigError, match=r"x\.yaml: kernel: .*'3x3'"):
         validated(TrajectoryCNNOptions, {"kernel": "5x5"}, "x.yaml")
