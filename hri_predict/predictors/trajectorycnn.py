@@ -68,6 +68,8 @@ class TrajectoryCNNOptions(NetworkOptions):
         relative: feed displacements from the last pose, not raw positions.
         mirrored: average with the forecast of the mirror image, as the mixer does; not in the
             paper.
+        decoder: channels between the decoder's layers; default: as many as predicted frames. With
+            few frames this is a bottleneck.
         bone_weight: weight of the error of bone vectors (from parent to joint) in the loss; 0 in
             the paper.
         early: how much more the first steps weigh in the loss: step h (from 1) weighs as h to the
@@ -86,6 +88,7 @@ class TrajectoryCNNOptions(NetworkOptions):
     slope: float = Field(0.01, ge=0, le=1)
     relative: bool = True
     mirrored: bool = False
+    decoder: int | None = Field(None, ge=1, le=1024)
     bone_weight: float = Field(0.0, ge=0)
     early: float = Field(0.0, ge=0, le=2)
 
@@ -124,10 +127,11 @@ class TrajectoryCNN(Network):
         self.encoder = nn.Sequential(  # Eq. 3
             *(block(width, kernel, options) for _ in range(options.blocks))
         )
+        between = options.decoder or outputs
         self.decoder = nn.Sequential(  # Eq. 4: a layer over local joints, then over single points
-            _convolution(width, outputs, kernel),
+            _convolution(width, between, kernel),
             nn.LeakyReLU(options.slope),
-            _convolution(outputs, outputs),
+            _convolution(between, outputs),
         )
 
     def forward(self, window: BodyFrames) -> Tensor:

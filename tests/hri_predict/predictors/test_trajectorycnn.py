@@ -166,6 +166,8 @@ def test_pose_layout_takes_any_history(steps: int) -> None:
         {"dropout": 0.5},
         {"paths": "nested", "slope": 0.2},
         {"paths": "nested", "residual": False},
+        {"decoder": 5},
+        {"bone_weight": 0.5, "early": 0.3},
     ],
 )
 def test_every_switch_takes_a_step(options: dict[str, Any]) -> None:
