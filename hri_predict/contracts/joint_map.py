@@ -290,15 +290,17 @@ def _check_rigid(joint: str, rigid: RigidJoint, settings: JointMapSettings) -> N
 
 def _check_used_once(joints: dict[str, dict[str, float]]) -> None:
     """Refuse two canonical joints at one point: a hand of length 0 would be treated as measured."""
-    used: dict[str, str] = {}
+    used: dict[frozenset[tuple[str, float]], str] = {}
     for joint, sources in joints.items():
-        for source in sources if len(sources) == 1 else ():
-            if source in used:
-                raise ValueError(
-                    f"map.{joint}: '{source}' is {used[source]} already; one source joint is one "
-                    f"canonical joint; omit joints that the tracker lacks (the node infers them)"
-                )
-            used[source] = joint
+        point = frozenset((source, round(weight, 6)) for source, weight in sources.items())
+        if point in used:
+            names = " and ".join(f"'{source}'" for source in sources)
+            are = "is" if len(sources) == 1 else "with these weights are"
+            raise ValueError(
+                f"map.{joint}: {names} {are} {used[point]} already; two canonical joints cannot "
+                f"share a point; omit joints that the tracker lacks (the node infers them)"
+            )
+        used[point] = joint
 
 
 def map_names() -> list[str]:

@@ -27,6 +27,7 @@ from hri_predict.operation.service.settings import LogSettings, MetricsSettings
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.protocol.discovery.services import DiscoverySettings
 from hri_predict.recording.folder.settings import RecordSettings
+from hri_predict.recording.mcap.schemas import advice_topic
 from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
@@ -344,6 +345,15 @@ def _check_names(config: Config, wrong: Mistakes) -> None:
         for i, name in enumerate(names):
             if name in names[:i]:
                 wrong.add((key, i, "name"), f"name '{name}' is used twice; rename one")
+    topics = [advice_topic(name) for name in robots]
+    for i, (name, topic) in enumerate(zip(robots, topics, strict=True)):
+        other = robots[topics.index(topic)]
+        if name != other and name not in robots[:i]:
+            wrong.add(
+                ("robots", i, "name"),
+                f"'{other}' and '{name}' have the same topic {topic} in recordings, in which one "
+                f"robot's advice would be missing; rename one",
+            )
     for i, link in enumerate(config.links):
         for k, name in enumerate(link.robots or []):
             if name not in robots:

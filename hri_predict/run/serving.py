@@ -8,7 +8,7 @@ from functools import partial
 from importlib.metadata import version
 from typing import Any
 
-from hri_predict.base.errors import HriPredictError, failure
+from hri_predict.base.errors import ConfigError, HriPredictError, failure
 from hri_predict.node.listeners import Listener
 from hri_predict.operation.foxglove.live import FoxgloveLive
 from hri_predict.operation.monitoring.alerts import Alerts
@@ -262,7 +262,7 @@ class Serving:
         if settings is None:
             server = None
         elif before is None or (settings.host, settings.port) != (before.host, before.port):
-            server = MetricsServer(settings, figures)
+            server = self._metrics_at(settings, figures)
 
         def put_in_force() -> None:
             if settings is not None:
@@ -272,6 +272,22 @@ class Serving:
             self._server, self._settings = server, settings
 
         return put_in_force
+
+    def _metrics_at(self, settings: MetricsSettings, figures: Figures) -> MetricsServer:
+        """Listen at a new address of ``metrics``.
+
+        The old server gives way first if it has the same port, because a port of all addresses is
+        in use while a server has it at one of them. It returns if the new one cannot listen.
+        """
+        before = self._settings
+        if self._server is None or before is None or settings.port != before.port:
+            return MetricsServer(settings, figures)
+        self._server.close()
+        try:
+            return MetricsServer(settings, figures)
+        except ConfigError:
+            self._server = MetricsServer(before, figures)
+            raise
 
     def _counters(self) -> dict[str, int]:
         counts = logs.counters()

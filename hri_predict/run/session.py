@@ -86,10 +86,9 @@ class _AlertListener(Listener):
         self._alerts = alerts
 
     def on_tick(self, tick: Tick) -> None:
-        reasons = () if tick.assessment is None else tick.assessment.reasons
-        self._alerts.observe(tick.advices, reasons)
-        if tick.assessment is not None:
-            self._alerts.observe_zones(tick.assessment.named_zones)
+        found = tick.assessment
+        self._alerts.observe(tick.advices, () if found is None else found.reasons)
+        self._alerts.observe_zones(None if found is None else found.named_zones)
 
 
 def run(config: Config, options: Options, stop: threading.Event | None = None) -> Summary:
@@ -145,6 +144,7 @@ class _Session:
         self.alerts = Alerts(
             settings=config.node.alerts,
             robots=[robot.name for robot in config.node.robots],
+            zones=[zone.name for zone in config.node.zones],
             clock=clock,
             base_dir=config.base_dir,
             cell=config.path.stem,

@@ -26,6 +26,7 @@ from hri_predict.risk.types import Grounds
 from hri_predict.viewing.levels import worst
 from hri_predict.viewing.packing import bodies_of, robot_facts, state_facts, steps_of
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
+from hri_predict.viewing.recorded_times import RecordedTimes
 from hri_predict.viewing.room import band_of_text, room_of_text, sees
 
 WINDOW_NS = 30_000_000_000
@@ -43,9 +44,12 @@ _TOPICS = ("/status", "/advice", "/zones", "/forecast", "/view/scene")
 class RecordedPictures:
     """A recording's pictures by time, and its levels.
 
+    All times are those of the node's clock: the wall clock may have been set back meanwhile, so
+    that one UTC names two moments.
+
     Attributes:
         info: description of the recording.
-        start_ns, end_ns: times of the first and last status; UTC, or the node's clock without UTC.
+        start_ns, end_ns: times of the first and last advice.
         changes: (ns, the worst level from then on).
         first_ns: time of the first person, otherwise of the first change of level.
 
@@ -58,17 +62,19 @@ class RecordedPictures:
         self._path = path
         self.info: RecordingInfo = recording_info(path)
         self.changes: list[tuple[int, str]] = []
+        self._times = RecordedTimes()
         times: list[int] = []
         levels: dict[str, str] = {}
         met_ns: int | None = None
         for told in read_messages(path, ("/advice",)):
-            times.append(told.utc_ns)
+            self._times.note(told)
+            times.append(told.node_ns)
             levels[told.topic] = str(told.data.get("level"))
             level = worst(levels.values())
             if met_ns is None and told.data.get("separation_m") is not None:
-                met_ns = told.utc_ns
+                met_ns = told.node_ns
             if not self.changes or self.changes[-1][1] != level:
-                self.changes.append((told.utc_ns, level))
+                self.changes.append((told.node_ns, level))
         if not times:
             raise RecordingError(f"recording {path}: no advice to show; name another file")
         self.start_ns, self.end_ns = min(times), max(times)
@@ -143,18 +149,22 @@ class RecordedPictures:
         return self._windows[number]
 
     def _read(self, start_ns: int) -> list[tuple[int, Picture]]:
-        messages = read_messages(
-            self._path,
-            _TOPICS,
-            start_utc_ns=start_ns - BEFORE_NS,
-            end_utc_ns=start_ns + WINDOW_NS,
-        )
         try:
-            return list(self._pictures(messages))
+            return list(self._pictures(self._messages(start_ns - BEFORE_NS, start_ns + WINDOW_NS)))
         except DAMAGED as error:
             raise RecordingError(
                 f"recording {self._path}: a message is damaged ({error}); it cannot be shown"
             ) from error
+
+    def _messages(self, start_ns: int, end_ns: int) -> Iterator[Told]:
+        """Yield the messages from ``start_ns`` to before ``end_ns``, in the order of time."""
+        spans = self._times.utc(start_ns, end_ns)
+        read = (
+            read_messages(self._path, _TOPICS, start_utc_ns=low, end_utc_ns=high)
+            for low, high in spans
+        )
+        found = (m for m in itertools.chain.from_iterable(read) if start_ns <= m.node_ns < end_ns)
+        return iter(sorted(found, key=lambda told: told.node_ns)) if len(spans) > 1 else found
 
     def _pictures(self, messages: Iterator[Told]) -> Iterator[tuple[int, Picture]]:
         """A picture after each /view/scene, and wherever an advice changes between two of them.
@@ -176,7 +186,7 @@ class RecordedPictures:
             if scene is not None and told.node_ns - scene.node_ns < BEFORE_NS:
                 picture = said.picture(self._room, self.info.forecast_rate_hz, told)
                 picture.facts["coverage"] = self.info.coverage or "not recorded"
-                yield told.utc_ns, picture
+                yield told.node_ns, picture
 
 
 def _says(advice: Told) -> tuple[Any, ...]:

@@ -6,6 +6,7 @@ that exits before is restarted at the same address, after a growing pause.
 """
 
 import contextlib
+import errno
 import logging
 import math
 import os
@@ -64,7 +65,23 @@ def check_port(settings: ScreenSettings) -> None:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         what = f"--{settings.name} {settings.port}: cannot listen on {settings.host}"
         with OsErrorAs(ConfigError, what, "name another port, or 0 for any free one"):
-            probe.bind((settings.host, settings.port))
+            try:
+                probe.bind((settings.host, settings.port))
+            except (socket.gaierror, TypeError, UnicodeError) as error:
+                raise _wrong_host(settings.host, error) from error
+            except OSError as error:
+                if error.errno != errno.EADDRNOTAVAIL:
+                    raise
+                raise _wrong_host(settings.host, error) from error
+
+
+def _wrong_host(host: str, error: Exception) -> ConfigError:
+    """Return the error for an address that no port can mend."""
+    why = isinstance(error, OSError) and error.strerror
+    return ConfigError(
+        f"--viewer-host {host!r}: {why or 'not an address'}; give an address of this machine, "
+        f"such as {LOOPBACK}"
+    )
 
 
 class Screen:

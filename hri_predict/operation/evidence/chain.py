@@ -14,7 +14,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -30,7 +30,6 @@ FULL_BYTES = 10_000_000
 """Size in bytes from which on a log is full and takes no more lines."""
 _CHUNK = 1 << 20
 _NUMBERED = re.compile(r"evidence-([0-9]{6,9})\.jsonl")
-_STAMP = r"[0-9]{8}T[0-9]{6}\.[0-9]{3}Z"
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,14 +114,6 @@ def _older(folder: Path) -> list[Path]:
 
 def _number(log: Path) -> int:
     return int(log.stem.rpartition("-")[2])
-
-
-def sizes(folder: Path, robots: Sequence[str]) -> dict[str, int]:
-    """Name -> bytes of each file that a node kept there for these robots, oldest first."""
-    named = "|".join(map(re.escape, robots))
-    kept = re.compile(rf"{_STAMP}-({named})-(stop|near_miss|fault)(-[0-9]+)?\.mcap")
-    paths = sorted(path for path in folder.glob("*.mcap") if kept.fullmatch(path.name))
-    return {p.name: p.stat().st_size for p in paths if p.is_file() and not p.is_symlink()}
 
 
 def newest(folder: Path) -> str:

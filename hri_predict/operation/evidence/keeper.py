@@ -28,6 +28,7 @@ from hri_predict.base.skeleton import CANONICAL
 from hri_predict.node.listeners import Tick
 from hri_predict.operation.evidence import chain
 from hri_predict.operation.evidence.events import Event, Events
+from hri_predict.operation.evidence.room import Room
 from hri_predict.operation.evidence.settings import EvidenceSettings
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.recording.mcap.clocks import Clocks
@@ -187,7 +188,8 @@ class Evidence(Items):
                 start["broken"] = chain.set_aside(self.folder, self._wall())
                 log.warning("%s; the broken log is kept as %s", error, start["broken"])
                 last = _newest_left(self.folder)
-            self._sizes = chain.sizes(self.folder, [_plain(name) for name in self._robots])
+            robots = [_plain(name) for name in self._robots]
+            self._room = Room(self.folder, robots, self._settings.max_mb * 1e6)
             return chain.append(self.folder, start, last)
 
     def _begins(self, event: Event) -> None:
@@ -260,11 +262,12 @@ class Evidence(Items):
         if recorder is not None:
             recorder.close()
             path = event.path
+            _sync(path)
             self.dropped += recorder.dropped
             entry |= {"file": path.name, "before_s": round(event.before_s, 3)}
             entry |= {"messages": recorder.written, "lost": recorder.dropped}
             entry["sha256"] = chain.file_hash(path)
-            self._sizes[path.name] = path.stat().st_size
+            self._room.add(path)
             if recorder.error is None:
                 self.kept += 1
             else:
@@ -307,26 +310,43 @@ class Evidence(Items):
             path = self.folder / f"{name}-{number}.mcap"
         return path
 
-    def _append(self, entry: dict[str, Any]) -> None:
+    def _append(self, entry: dict[str, Any]) -> bool:
+        """Append a line to the log, and return whether it was written."""
         try:
             self._last = chain.append(self.folder, entry, self._last)
         except OSError as error:
             self.failures += 1
             log.error("evidence %s: cannot be written: %s", self.folder, error.strerror)
+            return False
+        return True
 
     def _make_room(self) -> None:
-        """Remove the log's oldest files while their total size exceeds the limit."""
-        removed = []
-        while sum(self._sizes.values()) > self._settings.max_mb * 1e6 and len(self._sizes) > 1:
-            name = next(iter(self._sizes))
-            (self.folder / name).unlink(missing_ok=True)
-            del self._sizes[name]
-            removed.append(name)
-        if removed:
-            self._append({"kind": "room", "at": self._now(), "removed": removed})
+        """Remove the oldest files while their total size exceeds the limit."""
+        names = self._room.put_aside()
+        if not names:
+            return
+        if self._append({"kind": "room", "at": self._now(), "removed": names}):
+            self._room.delete(names)
+        else:
+            self._room.restore(names)
 
     def _now(self) -> str:
         return self._wall().isoformat(timespec="milliseconds")
+
+
+def _sync(path: Path) -> None:
+    """Force a file and its folder's entry to the disk, so that a power failure cannot leave a line
+    with the hash of data that were lost: it would look as if the file had been changed.
+
+    Raises:
+        OSError: the disk did not take them.
+    """
+    for each in (path, path.parent):
+        descriptor = os.open(each, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def _plain(robot: str) -> str:

@@ -91,6 +91,7 @@ class Alerts:
         *,
         settings: AlertSettings,
         robots: list[str],
+        zones: Sequence[str] = (),
         clock: Clock,
         base_dir: Path,
         cell: str = "cell",
@@ -99,6 +100,7 @@ class Alerts:
     ) -> None:
         self._settings = settings
         self._robots = robots
+        self._zone_names = tuple(zones)
         self._clock = clock
         self._start_ns = clock.now_ns()
         self._terminal = terminal if terminal is not None else sys.stderr
@@ -208,10 +210,15 @@ class Alerts:
             )
         )
 
-    def observe_zones(self, zones: Sequence[NamedZoneState]) -> None:
+    def observe_zones(self, zones: Sequence[NamedZoneState] | None) -> None:
         """Process the named zones of one tick; queue an alert for each changed zone. Never
         blocks.
+
+        ``None``: the tick has no states. People may be anywhere, so each zone is occupied, as for
+        an untrusted input; else the last "empty" would stand through a fault.
         """
+        if zones is None:
+            zones = [NamedZoneState(name, True, 0.0) for name in self._zone_names]
         for zone in zones:
             if zone.occupied:
                 state = "occupied"

@@ -112,6 +112,8 @@ class _Cell:
             self._note(message, now_ns)
 
     def _note(self, message: Message, now_ns: int) -> None:
+        if now_ns - self.heard_ns > FORGET_S * 1e9:
+            self.advices.clear()  # nor need it have the robots of the node before
         self.heard_ns = now_ns
         if isinstance(message, Status):
             self.status, self.status_ns = message, now_ns

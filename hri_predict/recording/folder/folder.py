@@ -175,6 +175,10 @@ class Folder:
             except FileExistsError:  # two in a second, or the wall clock was set back
                 number += 1
 
+    def discard(self, path: Path) -> None:
+        """Remove a file into which nothing could be written: each try would leave one."""
+        path.unlink(missing_ok=True)
+
     def limit(self, settings: RecordSettings) -> None:
         """Apply the limits of ``settings`` from now on; may be called from any thread."""
         self._settings = settings

@@ -25,6 +25,9 @@ class RecordingFiles(Protocol):
             OSError: there is none to be had now.
         """
 
+    def discard(self, path: Path) -> None:
+        """Remove a file from ``open`` into which nothing could be written; keep what is not new."""
+
     @property
     def has_many(self) -> bool:
         """Whether it provides another file after one is finished or broken."""
@@ -49,6 +52,7 @@ class OneFile:
 
     def __init__(self, path: Path, overwrite: bool = False) -> None:
         self._path, self._overwrite = path, overwrite
+        self._is_new = False
 
     @property
     def name(self) -> Path:
@@ -66,12 +70,19 @@ class OneFile:
         exclusive = 0 if self._overwrite or _is_device(self._path) else os.O_EXCL
         try:
             flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | exclusive
-            return self._path, os.open(self._path, flags, 0o644)
+            descriptor = os.open(self._path, flags, 0o644)
         except FileExistsError as error:
             raise RecordingError(
                 f"recording {self._path}: already exists, and is kept; name another file or a "
                 f"folder, or add --overwrite"
             ) from error
+        self._is_new = bool(exclusive)
+        return self._path, descriptor
+
+    def discard(self, path: Path) -> None:
+        """Remove the file if ``open`` created it, never a device or a file to overwrite."""
+        if self._is_new:
+            path.unlink(missing_ok=True)
 
     has_many = False
 

@@ -197,6 +197,7 @@ class Recorder(Items):
                 self._fails(_why(error), self._flush_ns)
 
     def _write(self, item: Item) -> None:
+        is_added = False
         try:
             self._do_what_is_due(item.log_ns)
             if self._file is None or self.error is not None:
@@ -205,9 +206,12 @@ class Recorder(Items):
                 return
             self._file.add(item, item.log_ns + self._reading.offset_ns)
             self.written += 1
+            is_added = True
             self._file.push()
         except OSError as error:
             self._fails(_why(error), item.log_ns)
+            if not is_added:
+                self._drop()
         except Exception:  # one message that cannot be encoded must not end the recording
             if self.dropped == 0:
                 log.exception("a message for %s could not be recorded", item.topic)
@@ -263,8 +267,7 @@ class Recorder(Items):
             )
         except OSError:
             os.close(descriptor)
-            if self._place.has_many:  # each try would leave one
-                path.unlink(missing_ok=True)
+            self._place.discard(path)  # an empty file would be in the way of the next start
             raise
         self.files += 1
 

@@ -106,8 +106,14 @@ function drawHistory(nameOf) {
   byId("unread").textContent = unread ? unread + " unread" : "";
 }
 
+// A refusal must show: the alert would seem to be seen by colleagues.
 function acknowledge(which) {
-  return fetch("acknowledge", { method: "POST", body: JSON.stringify(which) });
+  const say = (why) => { byId("refused").textContent = why && "Not marked as read: " + why; };
+  return fetch("acknowledge", { method: "POST", body: JSON.stringify(which) }).then(
+    (answer) => say(answer.ok ? "" : answer.status === 403
+      ? "open this page by its address, or start it with --operator-url"
+      : "the answer was " + answer.status),
+    () => say("no connection"));
 }
 
 function beep() {

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 from hri_predict.base.looks import LOOKS
 from hri_predict.operation.monitoring.fleet_levels import WORST_FIRST
@@ -255,7 +255,7 @@ class Published:
     def __init__(self, urls: Sequence[str]) -> None:
         parts = [urlsplit(url) for url in urls]
         self.hosts = {(part.hostname or "").lower() for part in parts}
-        self.origins = {f"{part.scheme}://{part.netloc}".lower() for part in parts}
+        self.origins = {_origin(part) for part in parts}
         self._prefixes = sorted({part.path.rstrip("/") for part in parts}, key=len, reverse=True)
 
     def inner(self, path: str) -> str:
@@ -264,6 +264,14 @@ class Published:
             if prefix and (path == prefix or path.startswith(f"{prefix}/")):
                 return path[len(prefix) :]
         return path
+
+
+def _origin(url: SplitResult) -> str:
+    """Return the ``Origin`` of an address; browsers leave out the usual port of the scheme."""
+    place = url.netloc.lower()
+    if url.port == {"http": 80, "https": 443}.get(url.scheme):
+        place = place.rpartition(":")[0]
+    return f"{url.scheme}://{place}"
 
 
 def _content(name: str) -> bytes:

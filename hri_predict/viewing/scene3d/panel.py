@@ -25,7 +25,7 @@ _LEGEND = (
     (COLOURS["SLOW"], "line", "robot, and the line to the deciding body part: in its level"),
     (LOST, "faint", "lost person; shadow or floor where a person could stand unseen"),
     (VIEW, "line", "field of view"),
-    (COLOURS["CLEAR"], "line", "named zone: green empty, yellow entry predicted, red occupied"),
+    (COLOURS["CLEAR"], "line", "named zone: green empty, yellow entry, red occupied, grey unknown"),
     (GRID, "line", "floor: a line every half metre, brighter every metre"),
 )
 _LIVE: Rgb = (60, 75, 90)

@@ -42,10 +42,8 @@ class Surroundings:
             self._room = facts["room"]
             self._build()
         for zone in self._room["named"]:
-            occupied, entry_s = facts["named"].get(zone["name"], [False, None])
-            shown = COLOURS["STOP" if occupied else "WARN" if entry_s is not None else "CLEAR"]
             outline = self._outlines[zone["name"]]
-            rgb = linear(shown if known else GREY)
+            rgb = linear(_colour(facts["named"].get(zone["name"])) if known else GREY)
             outline.colors = np.broadcast_to(rgb, outline.points.shape).copy()
         tiles = self._unseen.tiles(facts["places"], sees=facts["sees"] and known)
         if not np.array_equal(tiles, self._tiles):
@@ -131,6 +129,14 @@ class Surroundings:
         self._floor.batched_wxyzs = np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))
         self._floor.batched_positions = np.concatenate((ENDS_M, positions))
         self._floor.batched_scales = np.concatenate((np.full_like(ENDS_M, NO_SIZE), scales))
+
+
+def _colour(state: Sequence[Any] | None) -> Rgb:
+    """Return the colour of a named zone; grey without a state, as in a tick that failed."""
+    if state is None:
+        return GREY
+    occupied, entry_s = state
+    return COLOURS["STOP" if occupied else "WARN" if entry_s is not None else "CLEAR"]
 
 
 def sides_of(regions: list[dict[str, Any]]) -> tuple[Shapes, NDArray[np.uint32]]:

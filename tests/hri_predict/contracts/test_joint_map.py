@@ -303,6 +303,10 @@ def test_a_users_own_map(tmp_path):
             "map.l_wrist: 'LElbow' is l_hand already.*omit joints",
         ),
         ({"map": {"l_foot": "LElbow", "neck": {"LElbow": 1.0}}}, "'LElbow' is l_foot already"),
+        (
+            {"map": {joint: {"LShoulder": 0.5, "RShoulder": 0.5} for joint in ("waist", "neck")}},
+            "map.waist: 'LShoulder' and 'RShoulder' with these weights are neck already.*omit",
+        ),
         ({"map": {"neck": {"LShoulder": 1.5, "RShoulder": -0.5}}}, "positive"),
         ({"map": {"torso": {"LShoulder": 0.5, "RShoulder": 0.5}}}, "only waist, neck, head may be"),
         ({"map": {"torso": 3}}, "map: torso: give the name of a source joint, in quotes"),

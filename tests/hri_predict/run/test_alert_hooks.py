@@ -2,16 +2,19 @@
 
 import json
 import time
+from dataclasses import replace
 
 import pytest
 
+from hri_predict.risk.areas import NamedZoneSettings
+from hri_predict.risk.engine import RiskEngine
 from hri_predict.run.session import Options, run
 from tests.hri_predict.commissioning.cells import cell_data, load_cell
 from tests.hri_predict.operation.alerting.servers import silent_server, web_server
 
 
-def cell(folder, *hooks):
-    data = cell_data(alerts={"terminal": False, "to": list(hooks)}, links=[])
+def cell(folder, *hooks, **alerts):
+    data = cell_data(alerts={"terminal": False, "to": list(hooks), **alerts}, links=[])
     data["robots"][0]["motion"] = {"kind": "standing", "positions": [0.0, -1.5, 1.5, 0.0, 0.0, 0.0]}
     return load_cell(folder, data)
 
@@ -57,3 +60,25 @@ def test_a_replay_has_no_hooks(tmp_path):
     config = cell(tmp_path, {"kind": "webhook", "url": "http://127.0.0.1:1/"})
     assert config.node.alerts.hooks
     assert config.aside().node.alerts.hooks == []
+
+
+def test_a_named_zone_is_occupied_while_ticks_fail(tmp_path, monkeypatch):
+    """An "empty" from before the fault would stand at receivers that keep the newest alert."""
+    config = cell(tmp_path, file="a.jsonl")
+    square = [[25.0, 25.0], [26.0, 25.0], [26.0, 26.0], [25.0, 26.0]]
+    zone = NamedZoneSettings.model_validate({"name": "far", "polygon": square})
+    config = replace(config, node=config.node.model_copy(update={"zones": [zone]}))
+    assess, begun = RiskEngine.assess, list[int]()
+
+    def fails(self, snapshot, *rest):
+        begun.append(snapshot.now_ns)
+        if 2.0 < (begun[-1] - begun[0]) * 1e-9 < 3.0:
+            raise RuntimeError("a bug")
+        return assess(self, snapshot, *rest)
+
+    monkeypatch.setattr(RiskEngine, "assess", fails)
+    run(config, Options(factor=None, duration_s=4.0))
+    lines = [json.loads(line) for line in (tmp_path / "a.jsonl").read_text().splitlines()]
+    states = [each["state"] for each in lines if "zone" in each]
+    # occupied: before the first scene, in the fault, and when the node stops
+    assert states == ["occupied", "empty", "occupied", "empty", "occupied"]

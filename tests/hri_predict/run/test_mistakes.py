@@ -83,6 +83,12 @@ links:
     ("old", "new", "line", "said"),
     [
         ("name: two", "name: arm", 4, "robots.1.name: name 'arm' is used twice"),
+        (
+            "name: arm, model: ur5e, room_from_robot: {}, max_speed_m_s: 1}\n  - {name: two",
+            "name: arm 1, model: ur5e, room_from_robot: {}, max_speed_m_s: 1}\n  - {name: arm.1",
+            4,
+            "robots.1.name: 'arm 1' and 'arm.1' have the same topic /advice/arm_1 in recordings",
+        ),
         ("port: a", "port: a, robots: [arm, tow]", 6, "links.0.robots.1: no robot 'tow'; did you"),
         ("port: a", "usb: {vid: '0403'}", 6, "links.0.usb.pid: required key is missing"),
         (", room_from_robot: {}", "", 3, "robots.0: robot 'arm': give either room_from_robot"),

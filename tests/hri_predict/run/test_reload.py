@@ -2,6 +2,7 @@
 
 import copy
 import logging
+import socket
 from typing import Any
 
 import pytest
@@ -9,8 +10,10 @@ import pytest
 from hri_predict.base.errors import ConfigError
 from hri_predict.recording.folder.folder import Folder
 from hri_predict.run import config as configuration
-from hri_predict.run.serving import RECORD_LIMITS, Reload, _takes_limits, differences
+from hri_predict.run.serving import RECORD_LIMITS, Reload, Serving, _takes_limits, differences
 from tests.hri_predict.operation.service.cells import cell, written
+from tests.hri_predict.operation.service.test_metrics import figures
+from tests.waiting import free_port
 
 
 class Parts:
@@ -163,6 +166,31 @@ def test_a_folder_of_recordings_keeps_to_new_limits_but_never_moves(tmp_path, sa
     folder.close()
     assert said() == ["record.keep_days: changed", "record.zones_hz: needs a restart"]
     assert folder._settings.keep_days == 2
+
+
+def test_metrics_move_to_all_addresses_at_the_same_port_or_stay(tmp_path, said):
+    """The port is in use at all addresses while the old server has it at one."""
+    port = free_port()
+    path = written(tmp_path, cell(metrics={"port": port}))
+    serving = Serving(configuration.load(path), None, lambda: configuration.load(path))
+    serving._figures = figures()
+    serving._take_metrics(configuration.load(path).node)()
+    reload, serving._parts["metrics"] = serving._reload, serving._take_metrics
+    assert reload is not None
+    try:
+        for host, line in (
+            ("192.0.2.1", f"nothing changed: metrics: 192.0.2.1 port {port}: Cannot assign"),
+            ("0.0.0.0", "metrics.host: changed"),
+            ("127.0.0.1", "metrics.host: changed"),
+        ):
+            written(tmp_path, cell(metrics={"port": port, "host": host}))
+            reload.now()
+            assert said()[-1].startswith(line)
+            with socket.create_connection(("127.0.0.1", port), 5.0) as client:
+                client.sendall(b"GET /metrics HTTP/1.1\r\n\r\n")
+                assert client.recv(12) == b"HTTP/1.1 200"
+    finally:
+        serving.close()
 
 
 def test_differences_name_the_deepest_key():

@@ -7,6 +7,8 @@ import pytest
 
 from hri_predict.base.errors import RecordingError
 from hri_predict.recording import read_messages
+from hri_predict.recording.mcap.clocks import SystemClocks
+from hri_predict.run import session
 from hri_predict.run.session import Options, run
 from hri_predict.viewing import recorded as recorded_pictures
 from hri_predict.viewing.recorded import RecordedPictures
@@ -109,6 +111,44 @@ def test_outside_of_a_recording_there_is_nothing(recording):
     recorded = RecordedPictures(recording)
     assert recorded.at(recorded.start_ns - 5_000_000_000) is None
     assert recorded.at(recorded.end_ns + 90_000_000_000) is None
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, -2.5, 0.5, 7200.0])
+def test_a_wall_clock_that_was_set_changes_no_level_and_no_picture(
+    recording, tmp_path, monkeypatch, step_s
+):
+    """Set back, it gave two moments one time, and the later one the levels of the earlier."""
+
+    def clocks(clock, *_):
+        began_ns = clock.now_ns()
+        return SystemClocks(
+            clock, boot_ns=clock.now_ns, utc_ns=lambda: utc_ns(clock.now_ns(), began_ns)
+        )
+
+    def utc_ns(now_ns, began_ns):
+        is_later = now_ns - began_ns > 5_500_000_000  # shortly before the robot stops
+        return 1_700_000_000_000_000_000 + now_ns + is_later * round(step_s * 1e9)
+
+    monkeypatch.setattr(session, "clocks_of", clocks)
+    path = tmp_path / "cell.mcap"
+    run(cell(tmp_path).quiet(), Options(factor=None, duration_s=7.0, record=path))
+    steady, stepped = RecordedPictures(recording), RecordedPictures(path)
+    assert stepped.changes == steady.changes
+    assert stepped.levels(70) == steady.levels(70)
+    shown = list[str]()
+    for ns in range(steady.start_ns, steady.end_ns, 100_000_000):
+        was, then = steady.at(ns), stepped.at(ns)
+        assert (was is None) == (then is None)
+        if was is not None and then is not None:
+            assert without_utc(then) == without_utc(was)
+            shown.append(then.facts["utc"])
+    assert (shown == sorted(shown)) == (step_s > 0)
+
+
+def without_utc(picture):
+    """The facts but for UTC and the cell's name, which the file's differs by."""
+    room = {**picture.facts["room"], "cell": ""}
+    return {**picture.facts, "utc": "", "room": room}
 
 
 def test_a_cut_recording_is_shown_to_the_cut(recording, tmp_path):

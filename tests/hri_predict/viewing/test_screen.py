@@ -139,6 +139,15 @@ def test_an_empty_host_is_not_every_address(host):
         check_port(ScreenSettings("operator", OPERATOR, 0, host))
 
 
+@pytest.mark.parametrize(
+    "host", ["192.0.2.1", "256.1.1.1", "2001:db8::1", "a..b", "a\0", "a\udcff"]
+)
+def test_a_host_that_is_not_of_this_machine_is_one_line(host):
+    """No other port would help. The last two are not names at all."""
+    with pytest.raises(ConfigError, match=r"--viewer-host '.*': .*give an address of this machine"):
+        check_port(ScreenSettings("operator", OPERATOR, 0, host))
+
+
 def test_two_screens_on_one_port_are_refused():
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

@@ -227,11 +227,3 @@ def test_what_is_no_file_is_no_log(tmp_path):
     last = written(tmp_path)
     assert chain.newest(tmp_path) == last
     assert wrongs(tmp_path) == []
-
-
-def test_only_files_that_a_node_kept_are_counted(tmp_path):
-    ours = "20260101T000000.000Z-arm_1-stop-2.mcap"
-    others = ["20260101T000000.000Z-arm_1-stop-KEEP.mcap", "20260101T000000.000Z-amr-stop.mcap"]
-    for name in (ours, *others, "report.mcap"):
-        (tmp_path / name).write_bytes(b"seconds")
-    assert chain.sizes(tmp_path, ["arm_1"]) == {ours: 7}

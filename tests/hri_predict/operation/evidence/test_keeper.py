@@ -1,6 +1,9 @@
 """Evidence: the seconds around an event, in a file that replays, in a chain that holds."""
 
+import errno
+import os
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -173,6 +176,137 @@ def test_the_oldest_give_way_and_the_log_says_so(tmp_path):
     assert len(kept) < 40
     assert any(line.data["kind"] == "room" for line in chain.read(tmp_path / "kept"))
     assert not wrong(tmp_path)
+
+
+def crowded(folder):
+    """A run whose events are each larger than half of the limit."""
+    noise, joints = np.random.default_rng(0), len(CANONICAL.joints)
+    run = Run(folder, max_mb=1.0, after_s=0.0)
+    while True:
+        for k in range(1000):  # what does not compress
+            person = Person(7, noise.standard_normal((joints, 3)), np.ones(joints, bool))
+            now_ns = round(run.now_ms * MS)
+            run.evidence.on_scene(Scene(now_ns, k, True, (person,)), now_ns)
+        run.go(0.04, STOP).go(1.2)
+        yield run
+
+
+def room_lines(folder):
+    return [e.data["removed"] for e in chain.read(folder / "kept") if e.data["kind"] == "room"]
+
+
+def test_a_file_is_deleted_only_after_the_log_names_it(tmp_path, monkeypatch):
+    """A node that was killed in between left a chain that names a missing file for ever."""
+    runs = crowded(tmp_path)
+    run = next(runs)
+    unlink = Path.unlink
+
+    def named_before(path, missing_ok=False):
+        assert path.name.removesuffix(".removing") in str(room_lines(tmp_path))
+        unlink(path, missing_ok=missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", named_before)
+    next(runs)
+    next(runs)
+    assert run.close()["failures"] == 0
+    assert room_lines(tmp_path)
+    assert not wrong(tmp_path)
+
+
+@pytest.mark.parametrize("killed_at", ["append", "unlink"])
+def test_a_node_killed_while_it_makes_room_leaves_a_true_chain(tmp_path, monkeypatch, killed_at):
+    class Killed(BaseException):
+        """No code of the node catches it."""
+
+    def killed(*args, **kwargs):
+        if killed_at == "unlink" or args[1]["kind"] == "room":
+            raise Killed
+        return append(*args)
+
+    append = chain.append
+    runs = crowded(tmp_path)
+    run = next(runs)
+    with monkeypatch.context() as patch:
+        patch.setattr(*((Path, "unlink") if killed_at == "unlink" else (chain, "append")), killed)
+        with pytest.raises(Killed):
+            [next(runs) for _ in range(3)]
+    run.evidence._only.close()  # as the system does with a killed process's locks
+    Run(tmp_path, max_mb=1.0).close()
+    assert not wrong(tmp_path)
+    assert not list((tmp_path / "kept").glob("*.removing"))
+
+
+def test_a_file_that_cannot_be_removed_stays_and_a_newer_one_gives_way(
+    tmp_path, monkeypatch, caplog
+):
+    runs = crowded(tmp_path)
+    run = next(runs)
+    (oldest,) = (tmp_path / "kept").glob("*.mcap")
+    for name in ("rename", "unlink"):
+        refuse(monkeypatch, name, oldest)
+    for _ in range(3):
+        next(runs)
+    assert run.close()["kept"] == 4
+    assert oldest.exists()
+    assert f"{oldest.name}: cannot be removed: Operation not permitted" in caplog.text
+    names = [name for line in room_lines(tmp_path) for name in line]
+    assert names
+    assert oldest.name not in names
+    assert not wrong(tmp_path)
+
+
+def refuse(monkeypatch, name, refused):
+    """Let a method of ``Path`` fail for one path, as for a file with the flag *immutable*."""
+    method = getattr(Path, name)
+
+    def fails(path, *args, **kwargs):
+        if path == refused:
+            raise PermissionError(errno.EPERM, "Operation not permitted")
+        return method(path, *args, **kwargs)
+
+    monkeypatch.setattr(Path, name, fails)
+
+
+def test_no_file_is_removed_without_a_line(tmp_path, monkeypatch):
+    """On a full disk, for example."""
+    append = chain.append
+
+    def full(folder, entry, last):
+        if entry["kind"] == "room":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return append(folder, entry, last)
+
+    monkeypatch.setattr(chain, "append", full)
+    runs = crowded(tmp_path)
+    run = next(runs)
+    next(runs)
+    next(runs)
+    assert run.close()["failures"] >= 1
+    assert len(list((tmp_path / "kept").glob("*.mcap"))) == 3
+    assert not wrong(tmp_path)
+    monkeypatch.undo()
+    run = Run(tmp_path, max_mb=1.0)
+    run.go(1.0).go(0.04, STOP).close()
+    assert len(list((tmp_path / "kept").glob("*.mcap"))) < 4
+    assert not wrong(tmp_path)
+
+
+def test_a_file_is_on_the_disk_before_its_line(tmp_path, monkeypatch):
+    """Otherwise a power failure leaves an intact run that seems to have been changed."""
+    synced = list[tuple[str, int]]()
+    fsync = os.fsync
+
+    def noted(descriptor):
+        path = Path(os.readlink(f"/proc/self/fd/{descriptor}"))
+        synced.append((path.name, path.stat().st_size if path.suffix == ".mcap" else 0))
+        fsync(descriptor)
+
+    run = Run(tmp_path).go(1.0)
+    monkeypatch.setattr(os, "fsync", noted)
+    run.go(0.04, STOP).go(2.0)
+    (file,) = (tmp_path / "kept").glob("*.mcap")
+    assert synced == [(file.name, file.stat().st_size), ("kept", 0), (chain.LOG, 0)]
+    run.close()
 
 
 def test_two_nodes_do_not_share_a_folder(tmp_path):

@@ -17,7 +17,9 @@ OURS = Schema(SCHEMA_VERSION, SCHEMA_HASH)
 
 def alerts_of(
     folder: Path,
+    *,
     robots: Sequence[str] = ("arm",),
+    zones: Sequence[str] = (),
     clock: Clock | None = None,
     out: TextIO | None = None,
     threaded: bool = False,
@@ -27,6 +29,7 @@ def alerts_of(
     return Alerts(
         settings=AlertSettings(**settings),
         robots=list(robots),
+        zones=zones,
         clock=clock or VirtualClock(0),
         base_dir=folder,
         terminal=out,

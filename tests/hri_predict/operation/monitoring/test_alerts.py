@@ -101,6 +101,22 @@ def test_changes_of_named_zones_are_told(tmp_path):
     assert "zone hatch: empty -> entry predicted in 400 ms" in out.getvalue()
 
 
+def test_in_a_tick_without_states_each_zone_is_occupied(tmp_path):
+    alerts = alerts_of(tmp_path, zones=["hatch", "bench"], out=io.StringIO(), file="a.jsonl")
+    known = [NamedZoneState("hatch", False, 0.4), NamedZoneState("bench", False, None)]
+    for states in (known, None, None, known):
+        alerts.observe_zones(states)
+    alerts.stop()
+    lines = [json.loads(line) for line in (tmp_path / "a.jsonl").read_text().splitlines()]
+    assert [(a["zone"], a["state"]) for a in lines] == [
+        ("hatch", "entry predicted"),
+        ("hatch", "occupied"),
+        ("bench", "occupied"),
+        ("hatch", "entry predicted"),
+        ("bench", "empty"),
+    ]
+
+
 def test_command_gets_the_alert_and_is_debounced(tmp_path):
     target = tmp_path / "got"
     append = ["sh", "-c", f"cat >> {target}; echo >> {target}"]  # done long before the end gives up

@@ -110,6 +110,19 @@ def test_after_a_silence_the_schema_must_come_again() -> None:
     assert only(fleet, 3 * S + 2).robots[0].level == "clear"
 
 
+def test_after_a_silence_only_robots_that_are_advised_are_shown() -> None:
+    """A node that restarts with fewer robots stayed without contact for ever."""
+    fleet = Fleet()
+    Node(fleet).say(S, OURS, RUNNING, CLEAR, replace(CLEAR, robot=1))
+    later_ns = 3 * S
+    fleet.take(Keyed(f"{prefix('plant', 'a')}status", b"noise"), later_ns)
+    assert [r.level for r in only(fleet, later_ns).robots] == ["silent", "silent"]
+    fresh = Node(fleet)
+    for i in range(3):
+        fresh.say(later_ns + i * S // 25, OURS, RUNNING, CLEAR)
+    assert [(r.robot, r.level) for r in only(fleet, later_ns + S // 10).robots] == [(0, "clear")]
+
+
 def test_an_old_or_unknown_capture_permits_nothing() -> None:
     for age_s in (None, 1.1):
         fleet = Fleet()

@@ -5,9 +5,13 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from hri_predict.base.errors import RecordingError
 from hri_predict.recording import Recorder, open_recording
 from hri_predict.recording.mcap import file as mcap_file
+from hri_predict.recording.mcap.items import Item
+from hri_predict.recording.mcap.places import OneFile
 from tests.hri_predict.recording.mcap.made_up import info, scene, tick
 
 
@@ -58,3 +62,56 @@ def test_a_disk_that_stays_full_is_said_at_a_limited_rate(tmp_path, monkeypatch,
     assert recorder.error == "No space left on device"
     assert 5 <= len(caplog.records) <= 12
     assert recorder.report()["dropped"] > 1000
+
+
+class _Counted(Recorder):
+    """Counts what it takes."""
+
+    taken = 0
+
+    def take(self, item: Item) -> None:
+        self.taken += 1
+        super().take(item)
+
+
+@pytest.mark.parametrize("left", [20_000, 40_000, 60_000])
+def test_each_message_is_written_or_counted_as_dropped(tmp_path, monkeypatch, left) -> None:
+    """One of those at which the disk was found to be full was in neither count."""
+    monkeypatch.setattr(mcap_file.os, "write", _Disk(left))
+    with _Counted(tmp_path / "a.mcap", info(), threaded=False) as recorder:
+        for k in range(300):
+            recorder.on_scene(scene(k), 40_000_000 * k)
+            recorder.on_tick(tick(k))
+    assert recorder.failures >= 1
+    assert recorder.dropped > 0
+    assert recorder.written + recorder.dropped == recorder.taken
+
+
+def test_a_start_on_a_full_disk_is_not_in_the_way_of_the_next(tmp_path, monkeypatch) -> None:
+    path = tmp_path / "a.mcap"
+    with monkeypatch.context() as patch:
+        patch.setattr(mcap_file.os, "write", _Disk(0))
+        with pytest.raises(RecordingError, match="No space left on device"):
+            Recorder(path, info(), threaded=False)
+    assert not path.exists()
+    Recorder(path, info(), threaded=False).close()
+
+
+def test_a_file_to_overwrite_is_not_removed_by_a_start_on_a_full_disk(
+    tmp_path, monkeypatch
+) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"old")
+    monkeypatch.setattr(mcap_file.os, "write", _Disk(0))
+    with pytest.raises(RecordingError, match="No space left on device"):
+        Recorder(OneFile(path, overwrite=True), info(), threaded=False)
+    assert path.exists()
+
+
+def test_a_full_device_is_not_removed(monkeypatch) -> None:
+    """As root, a device could be."""
+    removed = list[Path]()
+    monkeypatch.setattr(Path, "unlink", lambda path, missing_ok=False: removed.append(path))
+    with pytest.raises(RecordingError, match="No space left on device"):
+        Recorder(Path("/dev/full"), info(), threaded=False)
+    assert removed == []

@@ -1,17 +1,23 @@
 """The operator's page behind a proxy: under the proxy's name and path, and no other."""
 
 import json
+import re
+import shutil
+import subprocess
 import threading
 import time
+from importlib import resources
 
 import pytest
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.cli.screens.options import published
-from hri_predict.viewing.operator.server import Server
+from hri_predict.viewing.operator.server import Published, Server
 from hri_predict.viewing.operator.state import State
 from tests.hri_predict.viewing.operator.test_page import ask, picture
 
+NODE = shutil.which("node")
+PAGES = resources.files("hri_predict.viewing.operator")
 URL = "https://plant.example/cells/7"
 
 
@@ -45,6 +51,46 @@ def test_an_alert_is_marked_as_read_through_the_proxy(server):
     for host in ("plant.example", "127.0.0.1"):  # a proxy may keep the name or not
         headers = {"Host": host, "Origin": "https://plant.example"}
         assert ask(server, "POST", "/cells/7/acknowledge", said, **headers)[0].status == 204
+
+
+@pytest.mark.parametrize(
+    ("url", "origin"),
+    [
+        ("https://plant.example:443/cells/7", "https://plant.example"),
+        ("http://Plant.example:80", "http://plant.example"),
+        ("https://[fd00::443]:443", "https://[fd00::443]"),
+        ("https://[fd00::443]", "https://[fd00::443]"),
+        ("https://plant.example:80", "https://plant.example:80"),
+        ("https://plant.example:8443/x", "https://plant.example:8443"),
+    ],
+)
+def test_the_origin_is_what_browsers_state(url, origin):
+    """They leave out the usual port, so that marking an alert as read was refused."""
+    assert Published([url]).origins == {origin}
+
+
+@pytest.mark.skipif(NODE is None, reason="no node")
+@pytest.mark.parametrize(
+    ("answer", "shown"),
+    [
+        ("Promise.resolve({ok: true, status: 204})", ""),
+        ("Promise.resolve({ok: false, status: 403})", "start it with --operator-url"),
+        ("Promise.resolve({ok: false, status: 502})", "the answer was 502"),
+        ("Promise.reject(new TypeError())", "no connection"),
+    ],
+)
+def test_the_page_says_that_an_alert_was_not_marked_as_read(answer, shown):
+    script = PAGES.joinpath("common.js").read_text(encoding="utf-8")
+    (acknowledge,) = re.findall(r"function acknowledge\(which\) \{.*?\n\}", script, re.DOTALL)
+    asked = f"""
+        const refused = {{}}, byId = (id) => id === "refused" ? refused : null;
+        globalThis.fetch = () => {answer};
+        {acknowledge}
+        acknowledge({{number: 1}}).then(() => console.log(refused.textContent));
+    """
+    said = subprocess.run([str(NODE), "-e", asked], capture_output=True, check=True, text=True)
+    assert said.stdout.strip().endswith(shown)
+    assert said.stdout.startswith("Not marked as read: ") == bool(shown)
 
 
 @pytest.mark.parametrize(

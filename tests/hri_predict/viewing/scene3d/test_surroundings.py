@@ -83,6 +83,17 @@ def test_named_zones_have_the_colour_of_their_state(server, facts):
     np.testing.assert_array_equal(room._outlines["bench"].colors[0, 0], linear(GREY))
 
 
+def test_a_zone_without_a_state_is_grey_never_green(server, facts):
+    """As in pictures of a tick that failed, of the node's start, and of its end."""
+    from hri_predict.viewing.scene3d.solids import linear
+    from hri_predict.viewing.scene3d.surroundings import Surroundings
+
+    room = Surroundings(server)
+    room.draw(facts | {"named": {"bench": [False, None]}}, True)
+    room.draw(facts | {"named": {}}, True)
+    np.testing.assert_array_equal(room._outlines["bench"].colors[0, 0], linear(GREY))
+
+
 def test_the_sides_of_prisms_close():
     from hri_predict.viewing.scene3d.surroundings import sides_of
 
