@@ -2,17 +2,15 @@
 
 import asyncio
 import contextlib
-import logging
 import threading
 import time
 from collections import deque
 from typing import Any
 
 from pymodbus.constants import ExcCodes
-from pymodbus.server import ModbusTcpServer
-from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from hri_drivers.links.modbus.connections import READ, WRITE, LimitedServer
 from hri_drivers.links.plant.image import Block, Image
 from hri_drivers.links.plant.link import try_address
 from hri_predict.base.errors import LinkError
@@ -33,8 +31,6 @@ from hri_predict.protocol.registers import (
 
 START_S = 5.0
 CAPACITY = 1024  # writes that may wait to be read; the oldest are dropped
-_READ = (3, 4)
-_WRITE = (6, 16)
 _WRITTEN_WORDS, _STATE_WORDS = words_of(WRITTEN), words_of(STATE)
 _ACK_AT = offset_of(WRITTEN, "ACK_LATCH_ID")
 WHOLE = {
@@ -142,7 +138,7 @@ class ModbusTransport:
 
     async def _serve(self) -> None:
         self._ended = asyncio.Event()
-        server = LimitedServer(_device(self._asked), address=self._address)
+        server = LimitedServer(_device(self._asked), self._address, self._refuse)
         if not await server.listen():
             return
         try:
@@ -160,13 +156,13 @@ class ModbusTransport:
         pymodbus calls it with its own registers, and with ``None`` as the values of a read request.
         """
         function, _, address, count, registers, values = request
-        if function in _READ:
+        if function in READ:
             registers[:READ_WORDS] = self._image.words(time.monotonic_ns())
             return None
-        if function not in _WRITE:
+        if function not in WRITE:
             return ExcCodes.ILLEGAL_FUNCTION
         if values is None or (address, count) not in WHOLE:
-            self.refused += 1
+            self._refuse(1)
             return ExcCodes.ILLEGAL_VALUE
         with self._arrived:
             if len(self._inbox) >= CAPACITY:
@@ -175,6 +171,10 @@ class ModbusTransport:
             self._inbox.append(Block.of(address, [int(value) & 0xFFFF for value in values]))
             self._arrived.notify_all()
         return None
+
+    def _refuse(self, count: int) -> None:
+        """Count write requests that are not carried out."""
+        self.refused += count
 
 
 def _device(asked: object) -> SimDevice:
@@ -190,65 +190,3 @@ def _device(asked: object) -> SimDevice:
         ],
         action=asked,  # type: ignore[arg-type]
     )
-
-
-log = logging.getLogger(__name__)
-
-MOST = 32
-"""Maximum number of open connections. A further one closes the connection that has been silent for
-the longest: a PLC that lost power leaves a connection behind, and must be able to reconnect."""
-MOST_UNREAD = 65_536
-"""Maximum number of reply bytes that a client may leave unread."""
-
-
-class Connection(ServerRequestHandler):
-    """A client's connection.
-
-    Attributes:
-        heard_s: time at which bytes last arrived, or at which the connection was opened.
-    """
-
-    def __init__(self, *of: Any) -> None:
-        super().__init__(*of)
-        self.heard_s = time.monotonic()
-
-    @property
-    def writes(self) -> asyncio.WriteTransport | None:
-        """Its transport; ``None`` if it is not open yet or is closing."""
-        found = self.transport
-        if not isinstance(found, asyncio.WriteTransport) or found.is_closing():
-            return None
-        return found
-
-    def callback_data(self, data: bytes, addr: tuple[Any, ...] | None = None) -> int:
-        """See pymodbus; close a connection with too many unread replies."""
-        self.heard_s = time.monotonic()
-        writes = self.writes
-        if writes is not None and writes.get_write_buffer_size() > MOST_UNREAD:
-            log.warning("Modbus server: a client does not read its replies; connection closed")
-            writes.abort()
-            return len(data)
-        return super().callback_data(data, addr)
-
-
-class LimitedServer(ModbusTcpServer):
-    """A server of at most ``MOST`` connections.
-
-    pymodbus limits neither their number nor their unread replies. Without a limit, clients that
-    never close their connections use up all files that the node's process may open, and a client
-    that sends requests and does not read replies uses up its memory.
-    """
-
-    def callback_new_connection(self) -> Connection:
-        """See pymodbus; close the most silent connection if there are too many."""
-        held = [c for c in self.active_connections.values() if isinstance(c, Connection)]
-        opened = [(c.heard_s, writes) for c in held if (writes := c.writes) is not None]
-        opened.sort(key=lambda each: each[0])
-        for _, writes in opened[: max(0, len(opened) - MOST + 1)]:
-            log.warning(
-                "Modbus server: more than %d connections; the one that has been silent for the "
-                "longest was closed",
-                MOST,
-            )
-            writes.abort()
-        return Connection(self, self.trace_packet, self.trace_pdu, self.trace_connect)

@@ -14,8 +14,10 @@ import pytest
 from pydantic import ValidationError
 
 pytest.importorskip("pymodbus", reason="pymodbus is not installed: the link cannot be used")
+from pymodbus.simulator import SimData, SimDevice
+
+from hri_drivers.links.modbus.connections import MOST, MOST_UNREAD, LimitedServer
 from hri_drivers.links.modbus.link import ModbusLink, ModbusLinkSettings
-from hri_drivers.links.modbus.server import MOST, MOST_UNREAD, Connection
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.settings import Pose
@@ -272,11 +274,15 @@ def test_a_client_that_does_not_read_its_replies_is_ended():
         def abort(self) -> None:
             self.aborted = True
 
-    connection = Connection.__new__(Connection)
-    connection.transport = unread = Unread()
-    assert connection.callback_data(b"\0\1\0\0\0\6\1\4\0\0\0\x7d") == 12
-    assert unread.aborted
-    assert connection.writes is None
+    async def check() -> None:
+        server = LimitedServer(SimDevice(0, simdata=[SimData(0)]), ("127.0.0.1", 0), lambda _: None)
+        connection = server.callback_new_connection()
+        connection.transport = unread = Unread()
+        connection.data_received(b"\0\1\0\0\0\6\1\4\0\0\0\x7d")
+        assert unread.aborted
+        assert connection.writes is None
+
+    asyncio.run(check())
 
 
 def test_writes_that_the_link_did_not_read_in_time_are_counted(link, plc, monkeypatch):
