@@ -161,7 +161,9 @@ class ModbusTransport:
             return None
         if function not in WRITE:
             return ExcCodes.ILLEGAL_FUNCTION
-        if values is None or (address, count) not in WHOLE:
+        if values is None:  # function 6: pymodbus reads what it wrote, to repeat it in the reply
+            return None
+        if (address, count) not in WHOLE:
             self._refuse(1)
             return ExcCodes.ILLEGAL_VALUE
         with self._arrived:

@@ -215,8 +215,9 @@ def test_what_is_not_in_the_map_is_an_exception_and_counted(link, plc, asked, ex
 def test_a_heartbeat_that_ends_is_said_once(link, plc, caplog):
     server = link(plc_timeout_s=0.2)
     there = plc(server)
-    there.ask(one=[1000, 4])
+    assert there.ask(one=[1000, 4]) == {"words": [4]}
     posted(server, lambda: there.node()["PLC_ALIVE"] == 1)
+    assert there.node()["WRITES_REFUSED"] == 0
     posted(server, lambda: there.node()["PLC_ALIVE"] == 0)
     assert "heartbeat does not change" in (server.last_error or "")
     assert sum("does not change" in line for line in caplog.messages) == 1
