@@ -123,6 +123,26 @@ class LimitedServer(ModbusTcpServer):
         super().__init__(device, address=address)
         self.dropped = dropped
 
+    async def listen(self) -> bool:
+        """See pymodbus, which would only log why it cannot listen.
+
+        Raises:
+            OSError: it cannot listen on the address.
+        """
+        create, failed = self.call_create, list[OSError]()
+
+        async def noted() -> Any:
+            try:
+                return await create()
+            except OSError as error:
+                failed.append(error)
+                raise
+
+        self.call_create = noted
+        if not await super().listen():
+            raise failed[0]
+        return True
+
     def callback_new_connection(self) -> Connection:
         """See pymodbus; close the most silent connection if there are too many."""
         held = [c for c in self.active_connections.values() if isinstance(c, Connection)]

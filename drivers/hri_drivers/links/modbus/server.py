@@ -5,6 +5,7 @@ import contextlib
 import threading
 import time
 from collections import deque
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 from pymodbus.constants import ExcCodes
@@ -13,7 +14,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from hri_drivers.links.modbus.connections import READ, WRITE, LimitedServer
 from hri_drivers.links.plant.image import Block, Image
 from hri_drivers.links.plant.link import try_address
-from hri_predict.base.errors import LinkError
+from hri_predict.base.errors import LinkError, first_line
 from hri_predict.protocol.fields import MAX_ROBOTS
 from hri_predict.protocol.registers import (
     CHOOSE_BASE,
@@ -43,6 +44,54 @@ WHOLE = {
 """(address, words) of the accepted write requests; a request for part of a value is refused."""
 
 
+class _Run:
+    """The thread of one opening; a late one never touches what a later opening uses.
+
+    Attributes:
+        ready: set when the server listens, or has ended.
+        loop, port: set once it listens.
+        ended: set to stop it.
+        closed: whether it must stop, also if it does not listen yet.
+        why: why it ended; "" if nothing failed.
+    """
+
+    def __init__(self, serve: Callable[["_Run"], Coroutine[Any, Any, None]]) -> None:
+        self.ready = threading.Event()
+        self.loop: asyncio.AbstractEventLoop | None = None
+        self.ended = asyncio.Event()
+        self.closed = False
+        self.port = 0
+        self.why = ""
+        self._lock = threading.Lock()
+        self._serve = serve
+        self.thread = threading.Thread(target=self._work, name="modbus-server", daemon=True)
+        self.thread.start()
+
+    def begin(self, port: int) -> bool:
+        """The server listens at ``port``; return whether it must go on."""
+        with self._lock:
+            if not self.closed:
+                self.port, self.loop = port, asyncio.get_running_loop()
+            self.ready.set()
+            return not self.closed
+
+    def close(self) -> None:
+        """Stop it, and wait until it has ended if it listens."""
+        with self._lock:
+            self.closed, loop = True, self.loop
+        if loop is not None:
+            with contextlib.suppress(RuntimeError):  # it has ended by itself
+                loop.call_soon_threadsafe(self.ended.set)
+            self.thread.join(START_S)
+
+    def _work(self) -> None:
+        try:
+            asyncio.run(self._serve(self))
+        except Exception as error:
+            self.why = first_line(getattr(error, "strerror", None) or error)
+        self.ready.set()
+
+
 class ModbusTransport:
     """``Transport[Block]``: writes blocks into the image, and reads a PLC's writes.
 
@@ -63,10 +112,7 @@ class ModbusTransport:
         self._image = image
         self._arrived = threading.Condition()
         self._inbox: deque[Block] = deque()
-        self._thread: threading.Thread | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._ended: asyncio.Event | None = None
-        self._ready = threading.Event()
+        self._run: _Run | None = None
 
     def open(self) -> None:
         """Listen.
@@ -76,14 +122,16 @@ class ModbusTransport:
         """
         self.close()
         try_address("Modbus server", self._address)
-        self._ready.clear()
-        self._thread = threading.Thread(target=self._run, name="modbus-server", daemon=True)
-        self._thread.start()
-        if not self._ready.wait(START_S) or self._loop is None:
-            self.close()
-            raise LinkError(
-                f"Modbus server at {self._named}: the server did not start; see the log"
-            )
+        run = self._run = _Run(self._serve)
+        if not run.ready.wait(START_S):
+            why = f"it did not start within {START_S:g} s; check the load of this machine"
+        elif run.loop is None:
+            why = f"it did not start ({run.why}); remove the cause and start again"
+        else:
+            self.port = run.port
+            return
+        self.close()
+        raise LinkError(f"Modbus server at {self._named}: {why}")
 
     def write(self, unit: Block) -> None:
         """Put a block into the image.
@@ -110,14 +158,9 @@ class ModbusTransport:
 
     def close(self) -> None:
         """Stop the server and close its connections; never raises, safe to call twice."""
-        thread, self._thread = self._thread, None
-        loop, ended = self._loop, self._ended
-        if thread is not None:
-            if loop is not None and ended is not None:
-                with contextlib.suppress(RuntimeError):  # it has ended by itself
-                    loop.call_soon_threadsafe(ended.set)
-            thread.join(START_S)
-        self._loop = None
+        run, self._run = self._run, None
+        if run is not None:
+            run.close()
         self._image.forget()
         with self._arrived:
             self._inbox.clear()
@@ -128,25 +171,20 @@ class ModbusTransport:
         return f"{self._address[0]}:{self._address[1]}"
 
     def _check(self) -> None:
-        if self._thread is None or not self._thread.is_alive():
+        run = self._run
+        if run is None:
             raise LinkError(f"Modbus server at {self._named} is closed; open it first")
+        if not run.thread.is_alive():
+            raise LinkError(f"Modbus server at {self._named} has ended ({run.why}); opening again")
 
-    def _run(self) -> None:
-        with contextlib.suppress(Exception):  # ``read`` and ``write`` find it ended
-            asyncio.run(self._serve())
-        self._ready.set()
-
-    async def _serve(self) -> None:
-        self._ended = asyncio.Event()
+    async def _serve(self, run: _Run) -> None:
         server = LimitedServer(_device(self._asked), self._address, self._refuse)
-        if not await server.listen():
-            return
+        await server.listen()
         try:
             sockets: Any = getattr(server.transport, "sockets", None)
-            self.port = sockets[0].getsockname()[1]
-            self._loop = asyncio.get_running_loop()
-            self._ready.set()
-            await self._ended.wait()
+            port = sockets[0].getsockname()[1]
+            if run.begin(port):
+                await run.ended.wait()
         finally:
             await server.shutdown()
 
