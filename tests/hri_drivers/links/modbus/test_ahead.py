@@ -45,6 +45,7 @@ class Client:
 
     def __init__(self, server: ModbusLink) -> None:
         self.socket = socket.create_connection(("127.0.0.1", port_of(server)), 20.0)
+        self._from = self.socket.makefile("rb")
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def replies(self, count: int) -> list[tuple[int, int]]:
@@ -56,8 +57,13 @@ class Client:
             found.append((number, self._exactly(length)[1]))
         return found
 
+    def close(self) -> None:
+        """Hang up."""
+        self._from.close()
+        self.socket.close()
+
     def _exactly(self, count: int) -> bytes:
-        data = self.socket.recv(count, socket.MSG_WAITALL)
+        data = self._from.read(count)
         assert len(data) == count, "closed"
         return data
 
@@ -67,7 +73,7 @@ def connected(link: Any) -> Iterator[tuple[ModbusLink, Client]]:
     server = link()
     client = Client(server)
     yield server, client
-    client.socket.close()
+    client.close()
 
 
 def presses(server: ModbusLink, count: int) -> list[Any]:
