@@ -15,14 +15,12 @@ from typing import Protocol
 from pydantic import Field
 
 from hri_drivers.sources.udp_receiver import is_loopback
+from hri_drivers.wires.tcp import keep_alive
 from hri_predict.base.errors import SourceError
 from hri_predict.contracts.source import SourceCounters
 
 CHUNK = 65_536
 CONNECT_TIMEOUT_S = 2.0
-IDLE_S, PROBE_S, PROBES = 5, 2, 3
-"""A silent peer is probed after ``IDLE_S``, then every ``PROBE_S``; after ``PROBES`` without an
-answer the connection is lost."""
 SILENT_S = 2.0
 """A connection without a complete unit for this long can be replaced by a new one. Single bytes or
 pings do not prevent that."""
@@ -153,17 +151,6 @@ class StreamServer:
     def _drop(self, connection: socket.socket) -> None:
         del self._senders[connection]
         connection.close()
-
-
-def keep_alive(connection: socket.socket) -> None:
-    """Let the system probe an idle peer: one that lost its power or its cable sends no end, and
-    would be waited for without limit.
-    """
-    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    if hasattr(socket, "TCP_KEEPIDLE"):  # else the system's own times, which may be hours
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, IDLE_S)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, PROBE_S)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, PROBES)
 
 
 class StreamClient:

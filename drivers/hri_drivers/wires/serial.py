@@ -4,7 +4,6 @@ import contextlib
 import errno
 import os
 import select
-import socket
 import stat
 import sys
 import time
@@ -15,6 +14,7 @@ import serial
 from serial.rs485 import RS485Settings
 from serial.tools import list_ports
 
+from hri_drivers.wires.tcp import keep_alive, limit_delay
 from hri_drivers.wires.transport import READ_TIMEOUT_S, TransportBusy
 from hri_drivers.wires.usb_ports import Comports, UsbDevice, find_port
 from hri_predict.base.errors import LinkError, first_line
@@ -83,7 +83,7 @@ class SerialTransport:
         self._rs485 = rs485
         self._comports = comports
         self._serial: Any = None  # each URL handler of pyserial has its own class
-        self._cut_short = False
+        self._cut_short = self._networked = False
         self._backlog_limit = self._bytes_in(MAX_BACKLOG_S)
 
     def open(self) -> None:
@@ -97,15 +97,16 @@ class SerialTransport:
         try:
             device = self._device(path)
             device.open()
-            _no_waiting_for_more(device)
+            _set_up_network(device)
         except Exception as error:  # termios.error and NotImplementedError are among them
             if device is not None:
                 with contextlib.suppress(Exception):
                     device.close()
             raise LinkError(f"{self._name}: {open_remedy(error)}") from error
         self._cut_short = True
-        networked = getattr(device, "_socket", None) is not None
-        self._backlog_limit = self._bytes_in(MAX_UNACKNOWLEDGED_S if networked else MAX_BACKLOG_S)
+        self._networked = getattr(device, "_socket", None) is not None
+        limit_s = MAX_UNACKNOWLEDGED_S if self._networked else MAX_BACKLOG_S
+        self._backlog_limit = self._bytes_in(limit_s)
         self._serial = device
 
     def _device(self, path: str) -> Any:
@@ -181,7 +182,10 @@ class SerialTransport:
         return self._serial
 
     def _lost(self, error: Exception) -> LinkError:
-        return LinkError(f"{self._name}: lost ({first_line(error)}); check cable and power")
+        check = (
+            "network, power, and that the other end reads" if self._networked else "cable and power"
+        )
+        return LinkError(f"{self._name}: lost ({first_line(error)}); check {check}")
 
 
 def read_some(device: Any, timeout_s: float | None = None) -> bytes:
@@ -273,10 +277,11 @@ def _queued(sock: Any, request: str) -> int:
         return 0
 
 
-def _no_waiting_for_more(device: Any) -> None:
-    """Let TCP send immediately; by default it collects small writes until the peer acknowledges."""
-    if (sock := getattr(device, "_socket", None)) is not None:
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+def _set_up_network(device: Any) -> None:
+    """A port over TCP carries nothing old, and its loss is noticed also if nothing is written."""
+    if (connection := getattr(device, "_socket", None)) is not None:
+        limit_delay(connection)
+        keep_alive(connection)
 
 
 def demand_serial_device(port: str) -> str:

@@ -17,6 +17,7 @@ from typing import Annotated, cast
 import typer
 
 from hri_sim.robot_server.robot import Fault, Robot
+from hri_sim.rtde.listening import MOST_PORT, why_not
 
 
 class Protocol(StrEnum):
@@ -35,8 +36,13 @@ def main(
     *,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option(help="Port; 0: chosen by the system. Default: 5021, or 4841 for opcua.")
-    ] = -1,
+        int | None,
+        typer.Option(
+            help="Port; 0: chosen by the system. Default: 5021, or 4841 for opcua.",
+            min=0,
+            max=MOST_PORT,
+        ),
+    ] = None,
     fault: Annotated[str, typer.Option(help=f"Fault of the server: {', '.join(FAULTS)}.")] = "none",
     after_s: Annotated[
         float, typer.Option(help="Time from the connection of a client to the start of the fault.")
@@ -51,11 +57,15 @@ def main(
         _fail(f"{error.name} is not installed; pip install 'hri-predict[{protocol}]'")
     robot = Robot(cast(Fault, fault), after_s)
     signal.signal(signal.SIGUSR1, lambda *_: robot.toggle())
-    address = (host, PORTS[protocol] if port < 0 else port)
+    address = (host, PORTS[protocol] if port is None else port)
+    if why := why_not(address):
+        _fail(why)
     try:
         asyncio.run(module.serve(robot, address, lambda p: print(f'{{"port": {p}}}', flush=True)))
     except OSError as error:
-        _fail(f"cannot listen on {host}:{address[1]}: {error.strerror}; choose another --port")
+        _fail(
+            why_not(address) or f"cannot listen on {host}:{address[1]}: {error.strerror or error}"
+        )
 
 
 def _fail(why: str) -> None:

@@ -27,7 +27,8 @@ async def serve(robot: Robot, address: tuple[str, int], ready: Callable[[int], N
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)
     server = Server()
     await server.init()
-    server.set_endpoint(f"opc.tcp://{address[0]}:{address[1]}/")
+    host, port = address
+    server.set_endpoint(f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/")
     server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
     index = await server.register_namespace(NAMESPACE)
     ids = await _created(server, index)

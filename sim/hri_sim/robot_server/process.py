@@ -14,12 +14,15 @@ class ServerProcess:
     Args:
         protocol: ``modbus`` or ``opcua``.
         fault: the fault that ``toggle`` starts; see ``hri_sim.robot_server.__main__``.
-        port: port on 127.0.0.1; 0: chosen by the system.
+        port: port to listen on; 0: chosen by the system.
+        host: address of this machine to listen on.
     """
 
-    def __init__(self, protocol: str, fault: str = "none", port: int = 0) -> None:
+    def __init__(
+        self, protocol: str, fault: str = "none", port: int = 0, *, host: str = "127.0.0.1"
+    ) -> None:
         command = command_of("hri_sim.robot_server", protocol, "--fault", fault)
-        command += ["--port", str(port), "--after-s", "1e9"]
+        command += ["--host", host, "--port", str(port), "--after-s", "1e9"]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
     @cached_property

@@ -16,13 +16,16 @@ from typing import Annotated, Any
 import typer
 
 from hri_sim.rtde.arm import Arm
+from hri_sim.rtde.listening import MOST_PORT, why_not
 from hri_sim.rtde.server import Behaviour, Controller
 
 
 def main(
     *,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port; 0: chosen by the system.")] = 30_004,
+    port: Annotated[
+        int, typer.Option(help="Port; 0: chosen by the system.", min=0, max=MOST_PORT)
+    ] = 30_004,
     watchdog_register: Annotated[
         int, typer.Option(help="Number of the watchdog register, as in the link's settings.")
     ] = 24,
@@ -80,8 +83,8 @@ def main(
     try:
         asyncio.run(controller.serve(host, port, lambda p: print(f'{{"port": {p}}}', flush=True)))
     except OSError as error:
-        where = f"{host}:{port}"
-        print(f"hri_sim.rtde: cannot listen on {where}: {error.strerror}", file=sys.stderr)
+        why = why_not((host, port)) or f"cannot listen on {host}:{port}: {error.strerror or error}"
+        print(f"hri_sim.rtde: {why}", file=sys.stderr)
         raise typer.Exit(2) from error
 
 

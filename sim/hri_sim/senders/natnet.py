@@ -158,7 +158,10 @@ class Motive:
         with contextlib.suppress(OSError):
             while True:
                 asked, client = self._socket.recvfrom(1024)
+                if len(asked) < 2:  # no message
+                    continue
                 self._client = client
                 (message,) = unpack_from("<H", asked)
                 if message in self._answers:
-                    self._socket.sendto(self._answers[message], client)
+                    with contextlib.suppress(OSError):  # that client has gone
+                        self._socket.sendto(self._answers[message], client)

@@ -6,8 +6,8 @@ Written from the "QTM Real-time Server Protocol Documentation"; it shares no cod
 import contextlib
 import socket
 import threading
-from collections.abc import Mapping
-from struct import pack
+from collections.abc import Iterator, Mapping
+from struct import Struct, pack
 
 import numpy as np
 
@@ -19,6 +19,9 @@ _ARM = ("Shoulder", "Arm", "ForeArm", "ForeArmRoll", "Hand")
 _LEG = ("UpLeg", "Leg", "Foot", "ToeBase")
 SEGMENTS = (*_SPINE, *(f"{side}{part}" for side in ("Left", "Right") for part in (*_ARM, *_LEG)))
 FIRST_ID = 11
+MOST_BYTES = 65_536
+"""Maximum size of a client's packet."""
+_HEADER = Struct("<II")
 
 
 def packet(kind: int, content: bytes) -> bytes:
@@ -86,13 +89,13 @@ class Qtm:
         self._listener = socket.create_server(("127.0.0.1", port))
         self.port = int(self._listener.getsockname()[1])
         self._streams: socket.socket | None = None
+        self._sending = threading.Lock()
         threading.Thread(target=self._serve, name="qtm", daemon=True).start()
 
     def send(self, unit: bytes) -> None:
         """Send a data packet to the client that requested data."""
-        if self._streams is not None:
-            with contextlib.suppress(OSError):
-                self._streams.sendall(unit)
+        if (client := self._streams) is not None:  # the other thread may end it at any time
+            self._put(client, unit)
 
     def close(self) -> None:
         """Stop."""
@@ -103,11 +106,30 @@ class Qtm:
             while True:
                 client, _ = self._listener.accept()
                 with client, contextlib.suppress(OSError):
-                    client.sendall(packet(1, b"QTM RT Interface connected\0"))
-                    while asked := client.recv(4096):
-                        verb = asked[8:].split(b"\0")[0].decode().split(" ")[0]
+                    self._put(client, packet(1, b"QTM RT Interface connected\0"))
+                    for verb in _verbs(client):
                         if verb in self._answers:
-                            client.sendall(self._answers[verb])
+                            self._put(client, self._answers[verb])
                         elif verb == "StreamFrames":
                             self._streams = client
                 self._streams = None
+
+    def _put(self, client: socket.socket, unit: bytes) -> None:
+        """Send a whole packet; answers and data come from two threads."""
+        with self._sending, contextlib.suppress(OSError):
+            client.sendall(unit)
+
+
+def _verbs(client: socket.socket) -> Iterator[str]:
+    """The first word of each command, until the client closes or sends something else."""
+    come = b""
+    while data := client.recv(4096):
+        come += data
+        while len(come) >= _HEADER.size:
+            size, _ = _HEADER.unpack_from(come)
+            if not _HEADER.size <= size <= MOST_BYTES:
+                return
+            if len(come) < size:
+                break
+            text, come = come[_HEADER.size : size], come[size:]
+            yield text.split(b"\0")[0].decode(errors="replace").split(" ")[0]

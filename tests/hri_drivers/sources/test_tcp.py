@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from hri_drivers.sources.tcp import IDLE_S, StreamClient
+from hri_drivers.sources.tcp import StreamClient
+from hri_drivers.wires.tcp import IDLE_S
 from hri_predict.base.errors import SourceError
 
 

@@ -16,6 +16,7 @@ import can.interface
 
 from hri_drivers.links.can.packages import missing_driver
 from hri_drivers.wires.serial import open_remedy
+from hri_drivers.wires.tcp import keep_alive, limit_delay
 from hri_predict.base.errors import first_line
 
 OPEN_S = 8.0
@@ -64,6 +65,9 @@ def open_bus(interface: str, channel: str, arguments: Mapping[str, Any]) -> can.
             bus.shutdown()
         raise TimeoutError(f"no answer within {limit_s:g} s")
     assert isinstance(bus, can.BusABC)
+    for connection in _connections(bus):
+        limit_delay(connection)
+        keep_alive(connection)
     return bus
 
 
@@ -76,6 +80,19 @@ def _demand_server(arguments: Mapping[str, Any]) -> None:
     host, port = arguments.get("host"), arguments.get("port")
     if isinstance(host, str) and isinstance(port, int):
         socket.create_connection((host, port), REACH_S).close()
+
+
+def _connections(bus: can.BusABC) -> list[socket.socket]:
+    """TCP connections of a bus: socketcand's own, and that of slcan over ``socket://``."""
+    port = getattr(bus, "serialPortOrig", None)
+    held = [*vars(bus).values(), getattr(port, "_socket", None)]
+    return [
+        each
+        for each in held
+        if isinstance(each, socket.socket)
+        and each.type == socket.SOCK_STREAM
+        and each.family in (socket.AF_INET, socket.AF_INET6)
+    ]
 
 
 def _cut(bus: object) -> None:

@@ -2,20 +2,19 @@
 
 import asyncio
 import contextlib
-import logging
 import threading
 import time
 from collections import deque
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 from pymodbus.constants import ExcCodes
-from pymodbus.server import ModbusTcpServer
-from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from hri_drivers.links.modbus.connections import READ, WRITE, LimitedServer
 from hri_drivers.links.plant.image import Block, Image
 from hri_drivers.links.plant.link import try_address
-from hri_predict.base.errors import LinkError
+from hri_predict.base.errors import LinkError, first_line
 from hri_predict.protocol.fields import MAX_ROBOTS
 from hri_predict.protocol.registers import (
     CHOOSE_BASE,
@@ -33,8 +32,6 @@ from hri_predict.protocol.registers import (
 
 START_S = 5.0
 CAPACITY = 1024  # writes that may wait to be read; the oldest are dropped
-_READ = (3, 4)
-_WRITE = (6, 16)
 _WRITTEN_WORDS, _STATE_WORDS = words_of(WRITTEN), words_of(STATE)
 _ACK_AT = offset_of(WRITTEN, "ACK_LATCH_ID")
 WHOLE = {
@@ -45,6 +42,54 @@ WHOLE = {
     *((state_address(robot), _STATE_WORDS) for robot in range(MAX_ROBOTS)),
 }
 """(address, words) of the accepted write requests; a request for part of a value is refused."""
+
+
+class _Run:
+    """The thread of one opening; a late one never touches what a later opening uses.
+
+    Attributes:
+        ready: set when the server listens, or has ended.
+        loop, port: set once it listens.
+        ended: set to stop it.
+        closed: whether it must stop, also if it does not listen yet.
+        why: why it ended; "" if nothing failed.
+    """
+
+    def __init__(self, serve: Callable[["_Run"], Coroutine[Any, Any, None]]) -> None:
+        self.ready = threading.Event()
+        self.loop: asyncio.AbstractEventLoop | None = None
+        self.ended = asyncio.Event()
+        self.closed = False
+        self.port = 0
+        self.why = ""
+        self._lock = threading.Lock()
+        self._serve = serve
+        self.thread = threading.Thread(target=self._work, name="modbus-server", daemon=True)
+        self.thread.start()
+
+    def begin(self, port: int) -> bool:
+        """The server listens at ``port``; return whether it must go on."""
+        with self._lock:
+            if not self.closed:
+                self.port, self.loop = port, asyncio.get_running_loop()
+            self.ready.set()
+            return not self.closed
+
+    def close(self) -> None:
+        """Stop it, and wait until it has ended if it listens."""
+        with self._lock:
+            self.closed, loop = True, self.loop
+        if loop is not None:
+            with contextlib.suppress(RuntimeError):  # it has ended by itself
+                loop.call_soon_threadsafe(self.ended.set)
+            self.thread.join(START_S)
+
+    def _work(self) -> None:
+        try:
+            asyncio.run(self._serve(self))
+        except Exception as error:
+            self.why = first_line(getattr(error, "strerror", None) or error)
+        self.ready.set()
 
 
 class ModbusTransport:
@@ -67,10 +112,7 @@ class ModbusTransport:
         self._image = image
         self._arrived = threading.Condition()
         self._inbox: deque[Block] = deque()
-        self._thread: threading.Thread | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._ended: asyncio.Event | None = None
-        self._ready = threading.Event()
+        self._run: _Run | None = None
 
     def open(self) -> None:
         """Listen.
@@ -80,14 +122,16 @@ class ModbusTransport:
         """
         self.close()
         try_address("Modbus server", self._address)
-        self._ready.clear()
-        self._thread = threading.Thread(target=self._run, name="modbus-server", daemon=True)
-        self._thread.start()
-        if not self._ready.wait(START_S) or self._loop is None:
-            self.close()
-            raise LinkError(
-                f"Modbus server at {self._named}: the server did not start; see the log"
-            )
+        run = self._run = _Run(self._serve)
+        if not run.ready.wait(START_S):
+            why = f"it did not start within {START_S:g} s; check the load of this machine"
+        elif run.loop is None:
+            why = f"it did not start ({run.why}); remove the cause and start again"
+        else:
+            self.port = run.port
+            return
+        self.close()
+        raise LinkError(f"Modbus server at {self._named}: {why}")
 
     def write(self, unit: Block) -> None:
         """Put a block into the image.
@@ -114,14 +158,9 @@ class ModbusTransport:
 
     def close(self) -> None:
         """Stop the server and close its connections; never raises, safe to call twice."""
-        thread, self._thread = self._thread, None
-        loop, ended = self._loop, self._ended
-        if thread is not None:
-            if loop is not None and ended is not None:
-                with contextlib.suppress(RuntimeError):  # it has ended by itself
-                    loop.call_soon_threadsafe(ended.set)
-            thread.join(START_S)
-        self._loop = None
+        run, self._run = self._run, None
+        if run is not None:
+            run.close()
         self._image.forget()
         with self._arrived:
             self._inbox.clear()
@@ -132,25 +171,20 @@ class ModbusTransport:
         return f"{self._address[0]}:{self._address[1]}"
 
     def _check(self) -> None:
-        if self._thread is None or not self._thread.is_alive():
+        run = self._run
+        if run is None:
             raise LinkError(f"Modbus server at {self._named} is closed; open it first")
+        if not run.thread.is_alive():
+            raise LinkError(f"Modbus server at {self._named} has ended ({run.why}); opening again")
 
-    def _run(self) -> None:
-        with contextlib.suppress(Exception):  # ``read`` and ``write`` find it ended
-            asyncio.run(self._serve())
-        self._ready.set()
-
-    async def _serve(self) -> None:
-        self._ended = asyncio.Event()
-        server = LimitedServer(_device(self._asked), address=self._address)
-        if not await server.listen():
-            return
+    async def _serve(self, run: _Run) -> None:
+        server = LimitedServer(_device(self._asked), self._address, self._refuse)
+        await server.listen()
         try:
             sockets: Any = getattr(server.transport, "sockets", None)
-            self.port = sockets[0].getsockname()[1]
-            self._loop = asyncio.get_running_loop()
-            self._ready.set()
-            await self._ended.wait()
+            port = sockets[0].getsockname()[1]
+            if run.begin(port):
+                await run.ended.wait()
         finally:
             await server.shutdown()
 
@@ -160,13 +194,15 @@ class ModbusTransport:
         pymodbus calls it with its own registers, and with ``None`` as the values of a read request.
         """
         function, _, address, count, registers, values = request
-        if function in _READ:
+        if function in READ:
             registers[:READ_WORDS] = self._image.words(time.monotonic_ns())
             return None
-        if function not in _WRITE:
+        if function not in WRITE:
             return ExcCodes.ILLEGAL_FUNCTION
-        if values is None or (address, count) not in WHOLE:
-            self.refused += 1
+        if values is None:  # function 6: pymodbus reads what it wrote, to repeat it in the reply
+            return None
+        if (address, count) not in WHOLE:
+            self._refuse(1)
             return ExcCodes.ILLEGAL_VALUE
         with self._arrived:
             if len(self._inbox) >= CAPACITY:
@@ -175,6 +211,10 @@ class ModbusTransport:
             self._inbox.append(Block.of(address, [int(value) & 0xFFFF for value in values]))
             self._arrived.notify_all()
         return None
+
+    def _refuse(self, count: int) -> None:
+        """Count write requests that are not carried out."""
+        self.refused += count
 
 
 def _device(asked: object) -> SimDevice:
@@ -190,65 +230,3 @@ def _device(asked: object) -> SimDevice:
         ],
         action=asked,  # type: ignore[arg-type]
     )
-
-
-log = logging.getLogger(__name__)
-
-MOST = 32
-"""Maximum number of open connections. A further one closes the connection that has been silent for
-the longest: a PLC that lost power leaves a connection behind, and must be able to reconnect."""
-MOST_UNREAD = 65_536
-"""Maximum number of reply bytes that a client may leave unread."""
-
-
-class Connection(ServerRequestHandler):
-    """A client's connection.
-
-    Attributes:
-        heard_s: time at which bytes last arrived, or at which the connection was opened.
-    """
-
-    def __init__(self, *of: Any) -> None:
-        super().__init__(*of)
-        self.heard_s = time.monotonic()
-
-    @property
-    def writes(self) -> asyncio.WriteTransport | None:
-        """Its transport; ``None`` if it is not open yet or is closing."""
-        found = self.transport
-        if not isinstance(found, asyncio.WriteTransport) or found.is_closing():
-            return None
-        return found
-
-    def callback_data(self, data: bytes, addr: tuple[Any, ...] | None = None) -> int:
-        """See pymodbus; close a connection with too many unread replies."""
-        self.heard_s = time.monotonic()
-        writes = self.writes
-        if writes is not None and writes.get_write_buffer_size() > MOST_UNREAD:
-            log.warning("Modbus server: a client does not read its replies; connection closed")
-            writes.abort()
-            return len(data)
-        return super().callback_data(data, addr)
-
-
-class LimitedServer(ModbusTcpServer):
-    """A server of at most ``MOST`` connections.
-
-    pymodbus limits neither their number nor their unread replies. Without a limit, clients that
-    never close their connections use up all files that the node's process may open, and a client
-    that sends requests and does not read replies uses up its memory.
-    """
-
-    def callback_new_connection(self) -> Connection:
-        """See pymodbus; close the most silent connection if there are too many."""
-        held = [c for c in self.active_connections.values() if isinstance(c, Connection)]
-        opened = [(c.heard_s, writes) for c in held if (writes := c.writes) is not None]
-        opened.sort(key=lambda each: each[0])
-        for _, writes in opened[: max(0, len(opened) - MOST + 1)]:
-            log.warning(
-                "Modbus server: more than %d connections; the one that has been silent for the "
-                "longest was closed",
-                MOST,
-            )
-            writes.abort()
-        return Connection(self, self.trace_packet, self.trace_pdu, self.trace_connect)

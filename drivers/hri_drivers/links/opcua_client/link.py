@@ -140,6 +140,8 @@ class OpcUaClientTransport(PolledTransport):
         if client is not None:
             with contextlib.suppress(Exception):
                 self._run(client.disconnect(), END_S)
+            # a server that hangs answers no farewell, and asyncua then leaves its socket open
+            loop.call_soon_threadsafe(client.disconnect_socket)
         self._loop = self._thread = None
         loop.call_soon_threadsafe(_end, loop)
         thread.join(END_S + 1.0)

@@ -5,14 +5,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hri_drivers.links.polled.settings import BASE_VELOCITY, StateAt
+from hri_drivers.links.polled.settings import BASE, BASE_VELOCITY, StateAt
 from hri_predict.protocol.messages import BaseMotion, RobotMode, RobotState
 from hri_predict.protocol.reception import ReceiveCounters
 
 COUNTERS = 1 << 16
 MOST, LEAST = 1e9, 1e-20
 """A robot reports no values beyond these limits; they mean that the bytes or words of a float are
-swapped. Only a velocity may be arbitrarily close to zero, because a filter may let it decay."""
+swapped. The maximum is that of a value in rad or m: nanoradians in 32 bits are larger. Only a
+velocity may be arbitrarily close to zero, because a filter may let it decay."""
 RATES = ("velocity", *BASE_VELOCITY)
 LONGEST_STEP_S = 0.06
 """Maximum time between two positions from which a velocity is derived. Such a velocity is half this
@@ -33,6 +34,18 @@ class Sample:
     values: tuple[float | None, ...]
     span_s: float | None
     why: str = ""
+
+
+def scales(state: StateAt[Any]) -> dict[str, float]:
+    """Factors to rad, m, rad/s or m/s, by the names of the values that have a unit."""
+    found = {}
+    for number, joint in enumerate(state.joints, start=1):
+        found[f"joint {number} position"] = joint.scale or state.scale
+        found[f"joint {number} velocity"] = joint.scale or state.velocity_scale or state.scale
+    if (base := state.base) is not None:
+        found |= dict.fromkeys(("base x", "base y", "base vx", "base vy"), base.scale_m)
+        found |= dict.fromkeys(("base yaw", "base yaw_rate"), base.scale_rad)
+    return found
 
 
 class StateReader:
@@ -63,6 +76,7 @@ class StateReader:
         self.refused = ""
         self._state = state
         self._names = [name for name, _ in state.places]
+        self._scales = scales(state)
         self._max_age_s, self._controller_delay_s = max_age_s, controller_delay_s
         self._counters = counters
         self._beat: float | None = None
@@ -126,42 +140,44 @@ class StateReader:
         if value is None:
             self._refuse(why or f"{name}: not a number")
             return math.nan
-        least = 0.0 if name.endswith(RATES) else LEAST
-        if value == 0 or least <= abs(value) <= MOST:
+        scale = self._scales.get(name)
+        if scale is None:  # a mode may be any number
+            sound = math.isfinite(value)
+        else:
+            least = 0.0 if name.endswith(RATES) else LEAST
+            sound = value == 0 or (least <= abs(value) and abs(value) * scale <= MOST)
+        if sound:
             return float(value)
         self._refuse(
             f"{name} is {value:g}, which no robot reports; correct its address, or the type, "
-            "byte_order or word_order"
+            "byte_order, word_order or scale"
         )
         return math.nan
 
     def _coordinates(self, values: dict[str, float]) -> tuple[float, ...]:
         """Positions of all joints in rad or m, then x, y and yaw of a base."""
-        state = self._state
         found = [
-            joint.sign * values[f"joint {number} position"] * (joint.scale or state.scale)
-            + joint.offset_rad
-            for number, joint in enumerate(state.joints, start=1)
+            joint.sign * self._scaled(values, f"joint {number} position") + joint.offset_rad
+            for number, joint in enumerate(self._state.joints, start=1)
         ]
-        if (base := state.base) is not None:
-            found += [values["base x"] * base.scale_m, values["base y"] * base.scale_m]
-            found.append(values["base yaw"] * base.scale_rad)
+        if self._state.base is not None:
+            found += [self._scaled(values, f"base {name}") for name in BASE]
         return tuple(found)
 
     def _velocities(self, values: dict[str, float]) -> tuple[float, ...] | None:
         """Velocities in the order of ``_coordinates``; ``None`` if they must be derived."""
-        state = self._state
-        if state.derives:
+        if self._state.derives:
             return None
-        scale = state.velocity_scale or state.scale
         found = [
-            joint.sign * values[f"joint {number} velocity"] * (joint.scale or scale)
-            for number, joint in enumerate(state.joints, start=1)
+            joint.sign * self._scaled(values, f"joint {number} velocity")
+            for number, joint in enumerate(self._state.joints, start=1)
         ]
-        if (base := state.base) is not None:
-            found += [values["base vx"] * base.scale_m, values["base vy"] * base.scale_m]
-            found.append(values["base yaw_rate"] * base.scale_rad)
+        if self._state.base is not None:
+            found += [self._scaled(values, f"base {name}") for name in BASE_VELOCITY]
         return tuple(found)
+
+    def _scaled(self, values: dict[str, float], name: str) -> float:
+        return values[name] * self._scales[name]
 
     def _derived(
         self,

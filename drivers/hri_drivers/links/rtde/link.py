@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
+from hri_drivers.links.configured import SAY_NS, ConfiguredLink, ConfiguredLinkSettings
 from hri_drivers.links.load import Traffic
 from hri_drivers.links.rtde.packets import Kind, Packet, Recipe, framed, text_of
 from hri_drivers.links.rtde.robot import JOINTS, OUTPUTS, StateReader
@@ -117,14 +117,15 @@ class RtdeCodec:
     Attributes:
         robot: index of the robot.
         counters: see ``contracts.link.Receiver``.
+        text: newest text message from the controller; "" if none came.
     """
 
     def __init__(self, refused_packets: Callable[[], int] = lambda: 0) -> None:
         self.robot = 0
         self.counters = ReceiveCounters()
+        self.text = ""
         self._reader = StateReader()
         self._refused_packets = refused_packets
-        self._text = ""
 
     def carries(self, message: Message) -> bool:
         """True for an Advice only."""
@@ -141,9 +142,7 @@ class RtdeCodec:
         """Return the RobotState of a data package."""
         if unit.kind == Kind.TEXT:
             self.counters.ignored += 1
-            if (text := text_of(unit.data)) != self._text:  # one line, not one for each cycle
-                self._text = text
-                log.warning("message from the controller: %s", text)
+            self.text = text_of(unit.data)
             return []
         state = self._reader.read(self.robot, unit.data) if unit.kind == Kind.DATA else None
         if state is None:
@@ -220,6 +219,7 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
             max_age_s=settings.max_age_s,
         )
         self._due_ns = 0
+        self._said, self._said_ns = "", -SAY_NS
 
     @staticmethod
     def make_transport(settings: RtdeLinkSettings) -> RtdeTransport:
@@ -281,6 +281,15 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
     @staticmethod
     def _bitrate(settings: RtdeLinkSettings) -> int:
         return BITRATE
+
+    def _receive(self, units: list[Packet], now_ns: int) -> None:
+        """See ``ConfiguredLink``; log a new text of the controller, at most one in 10 s."""
+        super()._receive(units, now_ns)
+        assert isinstance(self._codec, RtdeCodec)
+        text = self._codec.text
+        if text != self._said and now_ns - self._said_ns >= SAY_NS:
+            self._said, self._said_ns = text, now_ns
+            log.warning("link '%s': message from the controller: %s", self.name, text)
 
     # -- the slider follows every Advice, and is written although none comes -----------------------
 

@@ -21,6 +21,7 @@ from hri_drivers.links.rtde.packets import (
     text_of,
     versions_of,
 )
+from hri_drivers.wires.tcp import limit_delay
 from hri_predict.base.errors import LinkError
 
 log = logging.getLogger(__name__)
@@ -75,10 +76,7 @@ class RtdeTransport:
         self.close()
         try:
             self._socket = socket.create_connection(self._address, timeout=REPLY_S)
-            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            if hasattr(socket, "TCP_USER_TIMEOUT"):  # old bytes must not wait for long
-                limit_ms = round(1e3 * SILENT_S)
-                self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, limit_ms)
+            limit_delay(self._socket)
             self._set_up()
             self._socket.settimeout(WRITE_S)
         except LinkError as error:

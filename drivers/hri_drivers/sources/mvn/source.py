@@ -11,6 +11,7 @@ them.
 """
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -31,9 +32,9 @@ from hri_drivers.sources.mvn.codec import (
     StreamSplitter,
     parse,
 )
+from hri_drivers.sources.one_sender import OneSender
 from hri_drivers.sources.sent import SentPerson, SentScene
 from hri_drivers.sources.tcp import ALLOW_UNAUTHENTICATED, StreamServer, check_exposure
-from hri_drivers.sources.udp_receiver import UdpReceiver
 from hri_predict.base.clock import Clock
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.quantities.safe_side import Safety, harmless
@@ -98,13 +99,29 @@ class MvnSettings(LiveSettings):
         return (self.sample_rate_hz or self.rate_hz) / self.rate_hz
 
 
+def _never() -> bool:
+    return False
+
+
 class MvnDecoder:
-    """Turns datagrams into scenes; see ``hri_drivers.sources.live.Decoder``."""
+    """Turns datagrams into scenes; see ``hri_drivers.sources.live.Decoder``.
+
+    Args:
+        settings: the source's.
+        joint_map: names, units and axes of the segments.
+        counters: counts packets and refusals.
+        contradicted: returns whether a second sender was heard recently.
+    """
 
     def __init__(
-        self, settings: MvnSettings, joint_map: JointMap, counters: SourceCounters
+        self,
+        settings: MvnSettings,
+        joint_map: JointMap,
+        counters: SourceCounters,
+        contradicted: Callable[[], bool] = _never,
     ) -> None:
         self._settings = settings
+        self._contradicted = contradicted
         self._joint_map = joint_map
         self._counters = counters
         self._step = settings.samples_per_scene
@@ -137,6 +154,7 @@ class MvnDecoder:
 
     def _scene(self, sample: Sample) -> SentScene:
         sees_room = self._settings.sees_room and self._is_human_sized(sample)
+        sees_room = sees_room and not self._contradicted()  # the other sender's people are unseen
         if self._settings.stamp == "time_code":
             stamp_ns = sample.time_code_ms * 1_000_000
         else:
@@ -210,8 +228,19 @@ class MvnSource(LiveSource):
         joint_map = joint_map.with_axes(settings.axes or AXES[number])
         counters = SourceCounters()
         receiver: Receiver
+        contradicted = _never
         if settings.protocol == "udp":
-            receiver = UdpReceiver(settings.host, settings.port, largest=MAX_DATAGRAM)
+            receiver = udp = OneSender(
+                settings.host,
+                settings.port,
+                largest=MAX_DATAGRAM,
+                counters=counters,
+                by_machine=True,  # MVN may use a port for each character
+            )
+
+            def contradicted() -> bool:
+                return udp.contradicted
+
         else:
             receiver = StreamServer(
                 host=settings.host,
@@ -223,7 +252,7 @@ class MvnSource(LiveSource):
         super().__init__(
             settings=settings,
             receiver=receiver,
-            decoder=MvnDecoder(settings, joint_map, counters),
+            decoder=MvnDecoder(settings, joint_map, counters, contradicted),
             counters=counters,
             joint_map=joint_map,
             clock=clock,

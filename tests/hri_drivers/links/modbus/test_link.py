@@ -14,8 +14,10 @@ import pytest
 from pydantic import ValidationError
 
 pytest.importorskip("pymodbus", reason="pymodbus is not installed: the link cannot be used")
+from pymodbus.simulator import SimData, SimDevice
+
+from hri_drivers.links.modbus.connections import MOST, MOST_UNREAD, LimitedServer
 from hri_drivers.links.modbus.link import ModbusLink, ModbusLinkSettings
-from hri_drivers.links.modbus.server import MOST, MOST_UNREAD, Connection
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.settings import Pose
@@ -213,8 +215,9 @@ def test_what_is_not_in_the_map_is_an_exception_and_counted(link, plc, asked, ex
 def test_a_heartbeat_that_ends_is_said_once(link, plc, caplog):
     server = link(plc_timeout_s=0.2)
     there = plc(server)
-    there.ask(one=[1000, 4])
+    assert there.ask(one=[1000, 4]) == {"words": [4]}
     posted(server, lambda: there.node()["PLC_ALIVE"] == 1)
+    assert there.node()["WRITES_REFUSED"] == 0
     posted(server, lambda: there.node()["PLC_ALIVE"] == 0)
     assert "heartbeat does not change" in (server.last_error or "")
     assert sum("does not change" in line for line in caplog.messages) == 1
@@ -272,11 +275,15 @@ def test_a_client_that_does_not_read_its_replies_is_ended():
         def abort(self) -> None:
             self.aborted = True
 
-    connection = Connection.__new__(Connection)
-    connection.transport = unread = Unread()
-    assert connection.callback_data(b"\0\1\0\0\0\6\1\4\0\0\0\x7d") == 12
-    assert unread.aborted
-    assert connection.writes is None
+    async def check() -> None:
+        server = LimitedServer(SimDevice(0, simdata=[SimData(0)]), ("127.0.0.1", 0), lambda _: None)
+        connection = server.callback_new_connection()
+        connection.transport = unread = Unread()
+        connection.data_received(b"\0\1\0\0\0\6\1\4\0\0\0\x7d")
+        assert unread.aborted
+        assert connection.writes is None
+
+    asyncio.run(check())
 
 
 def test_writes_that_the_link_did_not_read_in_time_are_counted(link, plc, monkeypatch):

@@ -72,6 +72,23 @@ def test_a_server_that_ends_is_connected_again():
         first.kill()
 
 
+def test_the_connection_to_a_server_that_hangs_is_closed_at_once():
+    hung = ServerProcess("opcua")
+    link = made("opcua", hung.port)
+    link.start()
+    try:
+        states(link, 3)
+        transport = link._transport._client.uaclient.protocol.transport
+        connection = transport.get_extra_info("socket")
+        assert connection.fileno() >= 0
+        hung.hang(True)
+        link.stop()
+        assert connection.fileno() < 0  # this test holds the transport: no collector closes it
+    finally:
+        link.stop()
+        hung.kill()
+
+
 @pytest.mark.parametrize("node", ["Heartbeat", "ns=2", "ns=2;x=1", "ns=2;s=", "i=one"])
 def test_what_is_no_node_id_is_refused(node):
     joints = [{"position": "i=2", "velocity": "i=3"}]

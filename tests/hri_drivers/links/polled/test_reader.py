@@ -116,6 +116,31 @@ def test_only_the_values_named_are_automatic_mode():
     assert modes == [RobotMode.AUTOMATIC, RobotMode.UNKNOWN, RobotMode.UNKNOWN]
 
 
+@pytest.mark.parametrize("value", [2**32 - 1, -(2**31), 1_500_000_000])
+def test_any_mode_that_the_settings_permit_can_be_automatic(value):
+    made, counters = reader(TWO | {"mode": 1, "automatic_values": [value]})
+    read(made, 1, value, 0.0, 0.0, 0.0, 0.0)
+    assert read(made, 2, value, 0.0, 0.0, 0.0, 0.0).mode is RobotMode.AUTOMATIC
+    assert read(made, 3, math.inf, 0.0, 0.0, 0.0, 0.0).mode is RobotMode.UNKNOWN
+    assert counters.malformed == 1
+
+
+def test_nanoradians_reach_the_end_of_32_bits():
+    joints = [{"position": 10, "velocity": 20}]
+    base = {"x": 30, "y": 32, "yaw": 34, "vx": 36, "vy": 38, "yaw_rate": 40, "scale_m": 1e-9}
+    made, counters = reader({"heartbeat": 0, "scale": 1e-9, "joints": joints, "base": base})
+    most = 2**31 - 1
+    read(made, 1, 0, 0, 0, 0, 0, 0, 0, 0)
+    state = read(made, 2, most, -most, most, 0, 0, -most, 0, 0)
+    assert state.positions == pytest.approx((most * 1e-9,), rel=EPS)
+    assert state.velocities == pytest.approx((-most * 1e-9,), rel=EPS)
+    assert (state.base.x_m, state.base.vx_m_s) == pytest.approx((most * 1e-9, -most * 1e-9))
+    assert counters.malformed == 0
+    state = read(made, 3, 2e18, 0, 0, 0, 0, 0, 0, 0)
+    assert math.isnan(state.positions[0])
+    assert counters.malformed == 1
+
+
 def test_without_velocities_they_follow_from_the_change_and_the_ticks():
     made, counters = reader(DERIVED)
     read(made, 10, 1.0, span_s=None)

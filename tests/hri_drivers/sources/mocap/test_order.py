@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hri_drivers.sources.mocap.decoder import LATE_RUN, MAX_LOST, STILL, Order, Rooted
-from hri_drivers.sources.mocap.source import SILENT_S, OneSender
+from hri_drivers.sources.one_sender import SILENT_S, OneSender
 from hri_drivers.sources.sent import SentPerson
 from hri_predict.contracts.source import SourceCounters
 

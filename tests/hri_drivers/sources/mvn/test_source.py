@@ -34,9 +34,10 @@ def mvn_at(x: float, y: float) -> Floats:
 class Mvn:
     """MVN's end of the line."""
 
-    def __init__(self, port: int, tcp: bool = False) -> None:
+    def __init__(self, port: int, tcp: bool = False, host: str = "127.0.0.1") -> None:
         kind = socket.SOCK_STREAM if tcp else socket.SOCK_DGRAM
         self._socket = socket.socket(socket.AF_INET, kind)
+        self._socket.bind((host, 0))
         self._socket.connect(("127.0.0.1", port))
 
     def send(self, *datagrams: bytes) -> None:
@@ -172,6 +173,26 @@ def test_mvn_comes_back_over_tcp(hear: Hear) -> None:
     ear.scene()
     assert ear.counters.reconnects == 1
     assert ear.counters.malformed == 0
+
+
+def test_a_second_machine_is_refused_and_hides_the_room(hear: Hear) -> None:
+    try:
+        socket.create_server(("127.0.0.2", 0)).close()
+    except OSError:
+        pytest.skip("this system has no 127.0.0.2")
+    ear = hear("mvn", port=0, sees_room=True)
+    mvn, other = Mvn(ear.port), Mvn(ear.port, host="127.0.0.2")
+    mvn.send(*mvn_sender.quaternions(1, 10, 0, mvn_at(1.0, 2.0)))
+    assert ear.scene().sees_room
+    other.send(*mvn_sender.quaternions(9000, 90_000, 0, mvn_at(3.0, 0.0)))
+    ear.wait(lambda: ear.counters.refused == 1)
+    assert "two programs send to this port" in ear.counters.last_error
+    another_port = Mvn(ear.port)  # for another person of the same MVN
+    another_port.send(*mvn_sender.quaternions(2, 20, 0, mvn_at(1.0, 2.0)))
+    scene = ear.scene()
+    assert not scene.sees_room
+    assert scene.stamp_ns == 20_000_000
+    assert (ear.counters.refused, ear.counters.restarts) == (1, 0)
 
 
 def test_a_port_that_is_taken_says_what_to_do(hear: Hear) -> None:
