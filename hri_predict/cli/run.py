@@ -221,9 +221,10 @@ def replay(
         source["topic"] = topic
     loaded = _with_faults(loaded.with_source(source), fault)
     if predictor is not None:
-        # a name alone has its own defaults, the horizon included
-        own_weights = "=" in predictor
-        loaded = (with_predictor if own_weights else Config.with_predictor)(loaded, predictor)
+        if "=" in predictor:
+            loaded = with_predictor(loaded, predictor)
+        else:  # with its own defaults, the horizon included
+            loaded = loaded.with_predictor(predictor)
     if no_links:
         loaded = loaded.without_links()
     real = [link.name for link in loaded.opened_links if link.simulate is None]

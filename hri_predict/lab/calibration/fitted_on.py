@@ -57,7 +57,8 @@ def _root(data: dict[str, Any]) -> Path:
 def _of_pattern(data: dict[str, Any], pattern: str) -> list[tuple[str, Path | None]]:
     """Return the files of a name or pattern; nothing is known of a pattern without files."""
     try:
-        files = [Path(pattern)] if Path(pattern).is_absolute() else _root(data).glob(pattern)
+        own = Path(pattern)
+        files = [own] if own.is_absolute() else list(_root(data).glob(pattern))
         there = [file for file in files if file.is_file()]
     except (ValueError, IndexError, OSError):
         return []

@@ -138,7 +138,7 @@ def _trains_deviation(network: Network, window: BodyFrames, target: Target) -> b
 
     vars(network)["forward"] = watched  # hooks would miss losses that call forward itself
     for progress in (0.0, 1.0):
-        network.loss(window, target, progress).backward()  # type: ignore[no-untyped-call]
+        network.loss(window, target, progress).backward()
         if not seen or any(f.grad is not None and bool(f.grad[..., 3].any()) for f in seen):
             return True  # or the losses do not call forward, and nothing is known
     return False
