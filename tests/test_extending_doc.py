@@ -23,8 +23,8 @@ PARTS = [name for name in FILES if name.startswith("my_parts/my_parts/")]
 MAX_LINES = 45
 TRIED = {
     "pip install", "predictors", "conformance predictor:slowing", "conformance source",
-    "conformance link", "replay", "listen", "check", "run my_cell", "train",
-    "conformance predictor:perceptron", "calibrate", "run perceptron_cell",
+    "conformance link", "replay", "listen", "check", "run my_cell", "train perceptron",
+    "train waves", "conformance predictor:perceptron", "calibrate", "run perceptron_cell",
 }  # fmt: skip
 UNSURE = """
 
@@ -133,7 +133,7 @@ def place(tmp_path_factory):
 
 
 def test_each_part_is_short():
-    assert len(PARTS) == 4
+    assert len(PARTS) == 5
     for name in PARTS:
         lines = [line for line in FILES[name].splitlines() if line.strip()]
         assert len(lines) <= MAX_LINES, name
@@ -159,7 +159,7 @@ def test_the_predictor_is_listed_conforms_and_predicts(place):
 @pytest.mark.long
 @pytest.mark.parametrize("of", [str, unsure])
 def test_a_network_of_one_s_own_is_trained_exported_calibrated_and_runs_in_the_node(place, of):
-    trained = place.said("train", of)
+    trained = place.said("train perceptron", of)
     assert "epochs done: 10 epochs" in trained
     error = re.search(r"best validation: ([\d.]+) mm", trained)
     assert error is not None
@@ -172,6 +172,15 @@ def test_a_network_of_one_s_own_is_trained_exported_calibrated_and_runs_in_the_n
     if of is unsure:
         stated, _ = place.start("-c", STATED_M).communicate(timeout=300)
         assert 0.01 < float(stated) < 0.5, "it has learnt little: untrained, it states a metre"
+
+
+@pytest.mark.long
+def test_a_data_set_of_one_s_own_trains_the_network(place):
+    trained = place.said("train waves")
+    assert "epochs done: 2 epochs" in trained
+    error = re.search(r"best validation: ([\d.]+) mm", trained)
+    assert error is not None
+    assert float(error[1]) < 200, "it has learnt nothing: standing still has about 400"
 
 
 @pytest.mark.long

@@ -228,7 +228,7 @@ def test_command(
         if words[1] != "demo":
             (folder / name).symlink_to(request.getfixturevalue("demo_recording"))
     if words[1] == "convert" and "walk.mcap" in words:
-        (folder / "walking_1.npz").unlink(missing_ok=True)
+        (folder / words[3]).unlink(missing_ok=True)
     if words[1] == "evidence":  # which an earlier run keeps
         with (folder / "cell.yaml").open("a", encoding="utf-8") as cell:
             cell.write("\nevidence: evidence\n")

@@ -49,8 +49,8 @@ def by_benchmark(
         error=one_of("--error", error or _own_error(benchmark, loaded), ("mpjpe", "euler")),
         observed_frames=n_in,
     )
-    _warn_of_longer_histories(protocol, loaded)
     forecasters = _forecasters(protocol, loaded)
+    _warn_of_longer_histories(protocol, loaded)
     with progress() as bar:
         task = bar.add_task("judging", total=None)
         scores = judge(protocol, data[0], forecasters, lambda a: bar.update(task, description=a))

@@ -43,6 +43,7 @@ from hri_predict.recording.ros.about import is_in_room
 from hri_predict.recording.ros.bag import BAG_ENDING, file_of, is_ros_mcap
 from hri_predict.run import config as configuration
 from hri_predict.run.assemble import unused_coverage
+from hri_predict.run.compared_predictors import with_predictor
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options
 from hri_predict.run.session import run as run_session
@@ -58,7 +59,9 @@ Overwrite = Annotated[
 ]
 Duration = Annotated[float | None, typer.Option(help="Stop after this many seconds.")]
 Speed = Annotated[str, typer.Option(help="1 = real time, 2 = twice as fast, max = no waiting.")]
-Predictor = Annotated[str | None, typer.Option(help="Use this predictor instead.")]
+Predictor = Annotated[
+    str | None, typer.Option(help="Use this predictor instead: NAME or NAME=WEIGHTS.")
+]
 Shadow = Annotated[
     bool,
     typer.Option("--shadow", help="Compute and show everything, but send 'unknown' on the links."),
@@ -218,7 +221,10 @@ def replay(
         source["topic"] = topic
     loaded = _with_faults(loaded.with_source(source), fault)
     if predictor is not None:
-        loaded = loaded.with_predictor(predictor)
+        if "=" in predictor:
+            loaded = with_predictor(loaded, predictor)
+        else:  # with its own defaults, the horizon included
+            loaded = loaded.with_predictor(predictor)
     if no_links:
         loaded = loaded.without_links()
     real = [link.name for link in loaded.opened_links if link.simulate is None]

@@ -14,6 +14,7 @@ from hri_predict.cli.common import JointMapOption, command, own_map, warn
 from hri_predict.lab.training.config import load_training_config
 
 if TYPE_CHECKING:
+    from hri_predict.lab.training.config import TrainingConfig
     from hri_predict.lab.training.loop import Result
 
 
@@ -67,6 +68,8 @@ def train(
         asked = [
             load_training_config(f, [*p.set, *flags]) for f, p in zip(files, plan, strict=True)
         ]
+    for settings in asked:
+        _demand_keys(settings, {"--data": data, "--joint-map": joint_map})
     if dry_run:
         for each in asked:
             longest = each.train.max_minutes
@@ -125,6 +128,25 @@ def _changes(
     if out is not None:
         found.append(f"out={json.dumps(str(out))}")
     return found
+
+
+_KEYS = {"--data": "root", "--joint-map": "joint_map"}
+
+
+def _demand_keys(config: "TrainingConfig", flags: dict[str, object]) -> None:
+    """Refuse a flag whose key the data set lacks.
+
+    Raises:
+        ConfigError: it lacks one, or the data set does not exist.
+    """
+    from hri_predict.lab.training.parts import part
+
+    for flag, key in _KEYS.items():
+        known = part("data_sets", config.judgement).settings_model.model_fields
+        if flags[flag] is not None and key not in known:
+            raise ConfigError(
+                f"{flag}: data set '{config.judgement}' has no key data.{key}; leave {flag} out"
+            )
 
 
 def _show(result: "Result", unit: str, as_json: bool) -> None:

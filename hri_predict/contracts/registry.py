@@ -127,7 +127,23 @@ def load(kind: Kind, name: str) -> Any:
             f"{kind[:-1]} '{name}' is not a class whose settings_model derives from "
             f"{base.__name__}; fix the package that provides it"
         )
+    if kind == "predictors":
+        _demand_own_name(name, part)
     return part
+
+
+def _demand_own_name(name: str, part: Any) -> None:
+    """Check that a trained predictor has the name of its entry point, which weights files state.
+
+    Raises:
+        ConfigError: it has another one, so it would refuse the weights that its training writes.
+    """
+    method = getattr(part, "method", None)
+    if hasattr(part, "network_class") and isinstance(method, str) and method != name:
+        raise ConfigError(
+            f"predictor '{name}': its class {part.__name__} has method = '{method}', but its entry "
+            f"point is '{name}'; give both the same name and install the package again"
+        )
 
 
 def part(kind: TrainingKind, name: str, ours: Mapping[str, Any]) -> Any:

@@ -7,11 +7,13 @@ physical limits alone, so the predictor appears worse than its forecasts are.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.recording.recording import names_of
+from hri_predict.run.config import Config
 from hri_predict.run.zone_basis import ZoneBasis
 from hri_predict.zones.calibration import (
     calibration_for,
@@ -80,6 +82,18 @@ def demand_weights(asked: ComparedPredictor) -> None:
         raise ConfigError(f"--predictor {asked.name}={asked.weights}: does not use weights")
 
 
+def with_predictor(config: Config, text: str) -> Config:
+    """Return the configuration with ``NAME`` or ``NAME=WEIGHTS`` as its predictor."""
+    (asked,) = asked_predictors([text])
+    settings: dict[str, Any] = {"horizon_s": config.predictor.horizon_s}
+    if asked.name == config.predictor.name:  # its other weights: everything else stays
+        settings = config.predictor.model_dump(exclude={"name"})
+    if asked.weights is not None:
+        demand_weights(asked)
+        settings["weights"] = str(asked.weights.absolute())  # else of the configuration's folder
+    return config.with_predictor(asked.name, **settings)
+
+
 def fitting(calibrations: Sequence[Path], settings: PredictorSettings) -> Path | None:
     """Return the first of these files made for this predictor with its settings and weights.
 
@@ -131,4 +145,5 @@ def basis_of(
         weights=asked.weights,
         calibration=None if found is None else path,
         shipped=shipped,
+        horizon_s=settings.horizon_s,
     )

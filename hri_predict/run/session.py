@@ -301,6 +301,7 @@ class _Session:
             counters=people | dict(assembly.prediction.counters) | self.counters(),
         )
         result.shadow = self.options.shadow
+        result.predictor = self.config.predictor.name
         if self.referee is not None:
             self.referee.add_to(result)
         result.source = source_report(

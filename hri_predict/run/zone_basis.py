@@ -1,9 +1,10 @@
 """Basis of a predictor's zones, printed with every comparison."""
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from hri_predict.zones.predictor_identity import CALIBRATED_S, calibrate_command
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,6 +17,7 @@ class ZoneBasis:
         calibration: the calibration file; ``None``: there is none, and zones follow from the
             physical limits.
         shipped: whether the calibration came with the node.
+        horizon_s: how far ahead the predictor forecasts.
     """
 
     label: str
@@ -23,6 +25,7 @@ class ZoneBasis:
     weights: Path | None
     calibration: Path | None
     shipped: bool
+    horizon_s: float = CALIBRATED_S
 
     @property
     def line(self) -> str:
@@ -30,12 +33,11 @@ class ZoneBasis:
         if self.calibration is not None:
             where = ", shipped" if self.shipped else ""
             return f"Zones of {self.label}: calibrated by {self.calibration.name}{where}."
-        words = ["hri-predict", "calibrate", "--predictor", self.name]
-        words += [] if self.weights is None else ["--weights", str(self.weights)]
+        weights = None if self.weights is None else str(self.weights)
         return (
             f"Zones of {self.label}: not calibrated, physical limits only, which reduces the "
             "robot's speed; calibrate it on a folder of your recordings: "
-            f"{shlex.join([*words, '--data', 'recordings'])}"
+            f"{calibrate_command(self.name, weights, self.horizon_s)}"
         )
 
     def as_json(self) -> dict[str, Any]:

@@ -42,7 +42,7 @@ from hri_predict.zones.learned_scale import ScaleNetwork
 from hri_predict.zones.motion_class import SPEED_CLASSES, trunk_joints
 from hri_predict.zones.motion_ranges import MAX_RATIO_SHORT, MAX_SPEED_M_S, MotionRanges
 from hri_predict.zones.plausible import demand_radii, demand_scale, demand_shares
-from hri_predict.zones.predictor_identity import identity
+from hri_predict.zones.predictor_identity import calibrate_command, identity
 from hri_predict.zones.scale_shape import ScaleShape
 from hri_predict.zones.settings import LEVELS, CoverageSettings
 from hri_predict.zones.toward import BINS
@@ -364,9 +364,11 @@ def calibration_for(
     if problem and coverage.calibration is None:
         return None  # the shipped one is for other settings: uncalibrated, and check says so
     if problem:
+        again = calibrate_command(
+            settings.name, getattr(settings, "weights", None), settings.horizon_s
+        )
         raise ConfigError(
-            f"risk.coverage.calibration {path}: {problem}; calibrate your predictor: "
-            f"hri-predict calibrate --predictor {settings.name} --data recordings"
+            f"risk.coverage.calibration {path}: {problem}; calibrate your predictor: {again}"
         )
     return calibration
 

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.looks import can_plot
-from hri_predict.cli.calibrate.inputs import HORIZON_S, Data, calibrated_settings, scores_of
+from hri_predict.cli.calibrate.inputs import (
+    HORIZON_S,
+    Data,
+    calibrated_settings,
+    scores_of,
+    warn_of_fitted,
+)
 from hri_predict.cli.common import (
     check_out,
     command,
@@ -50,6 +56,7 @@ def check(
         read_card(card)  # before minutes of work
     built = registry.load("predictors", settings.name)(settings)
     calibration = _calibration(settings, path)
+    warn_of_fitted(settings, data, "test")
     scores = scores_of(settings=settings, data=data, default="test", tracked=tracked)
     used = _calibrated_on(calibration, scores)
     if used:
@@ -121,15 +128,17 @@ def _calibrated_on(calibration: "Calibration", scores: "Sequence[Scores]") -> se
 
 def _calibration(settings: PredictorSettings, path: Path | None) -> "Calibration":
     from hri_predict.zones.calibration import calibration_for
+    from hri_predict.zones.predictor_identity import calibrate_command
     from hri_predict.zones.settings import CoverageSettings
 
     asked = CoverageSettings(calibration=None if path is None else str(path))
     found = calibration_for(settings, asked, Path())
     if found is None:
+        weights = getattr(settings, "weights", None)
+        make = calibrate_command(settings.name, weights, settings.horizon_s)
         raise ConfigError(
-            f"--predictor {settings.name}: no calibration is shipped for these settings; make one:"
-            f" hri-predict calibrate --predictor {settings.name} --data DIR, and give it with"
-            f" --calibration"
+            f"--predictor {settings.name}: no calibration is shipped for these settings; make one: "
+            f"{make}, and give it with --calibration"
         )
     return found
 

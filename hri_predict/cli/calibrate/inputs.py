@@ -13,6 +13,7 @@ from hri_predict.cli.common import files, predictor_settings, progress, warn
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.predictor import Predictor, PredictorSettings
 from hri_predict.recording import recording_info
+from hri_predict.zones.predictor_identity import CALIBRATED_S
 
 if TYPE_CHECKING:
     from hri_predict.base.work.workers import Workers
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from hri_predict.zones.calibration import Calibration
 
 RATE_HZ = 25.0
-HORIZON_S = 1.2
+HORIZON_S = CALIBRATED_S
 SIMULATED = ("approach", "procedural")
 """Kinds of sources that simulate people."""
 LEAST_HORIZON_S = 0.2
@@ -86,6 +87,23 @@ def warn_of_simulated(data: Data, default: str) -> None:
         warn(
             f"{found[0]}{more}: its people were simulated; zones calibrated on simulated motion "
             f"are not valid for real people"
+        )
+
+
+def warn_of_fitted(settings: PredictorSettings, data: Data, default: str) -> None:
+    """Warn once if the predictor's weights were fitted on any of the recordings."""
+    weights = [path for path in settings.files() if path.suffix == ".safetensors"]
+    if not weights:
+        return
+    from hri_predict.lab.calibration.fitted_on import fitted_on  # with torch: takes seconds
+
+    given = files(data.entries, data.split, default)
+    if found := fitted_on(weights, given):
+        names = ", ".join(path.name for path in found[:3]) + (", ..." if found[3:] else "")
+        warn(
+            f"the weights of {settings.name} were fitted on {len(found)} of these {len(given)} "
+            f"recordings ({names}): errors on them are smaller than on others, and so would be the "
+            f"zones; give recordings that the predictor was not trained on"
         )
 
 

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli.calibrate.inputs import Data, demand_horizon, scores_of, warn_of_simulated
+from hri_predict.cli.calibrate.inputs import (
+    Data,
+    demand_horizon,
+    scores_of,
+    warn_of_fitted,
+    warn_of_simulated,
+)
 from hri_predict.cli.common import (
     check_writable,
     files,
@@ -46,6 +52,7 @@ def make(
 
     check_out(out)
     warn_of_simulated(data, "calibration")
+    warn_of_fitted(settings, data, "calibration")
     built = registry.load("predictors", settings.name)(settings)
     values, digest = identity(settings)
     with data.workers(settings, "calibration") as workers:
@@ -148,6 +155,7 @@ def leave_out(*, settings: PredictorSettings, data: Data, out: Path | None, as_j
         check_writable(out)
     built = registry.load("predictors", settings.name)(settings)
     to_calibrate = data._replace(split=_CALIBRATION)
+    warn_of_fitted(settings, to_calibrate, "")
     known = scores_of(settings=settings, data=to_calibrate, default="", tracked=True)
     judged = [
         entry

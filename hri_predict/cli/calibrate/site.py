@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli.calibrate.inputs import Data, demand_horizon, warn_of_simulated
+from hri_predict.cli.calibrate.inputs import Data, demand_horizon, warn_of_fitted, warn_of_simulated
 from hri_predict.cli.calibrate.making import check_out, write_calibration
 from hri_predict.cli.common import (
     check_writable,
@@ -53,6 +53,7 @@ def commission(
     built = registry.load("predictors", settings.name)(settings)
     demand_horizon(built, settings, base, path)
     warn_of_simulated(data, "calibration")
+    warn_of_fitted(settings, data, "calibration")
     parts = _parts(built, base, data)
     made = adapted(
         base=base,

@@ -247,6 +247,13 @@ def average_of(members: Sequence[Forecaster]) -> Forecaster:
     return average
 
 
+_TRAINING = {
+    ("cmu", "mpjpe"): ", with judgement: benchmark",
+    ("cmu", "euler"): ", with judgement: benchmark and data: {space: rotations}",
+    ("human36m", "mpjpe"): ", with judgement: human36m",
+}
+
+
 def network_forecaster(protocol: Protocol, network: Network, where: str) -> Forecaster:
     """A trained network as a forecaster; steps before the window count as unobserved.
 
@@ -258,6 +265,7 @@ def network_forecaster(protocol: Protocol, network: Network, where: str) -> Fore
         raise PredictorError(
             f"{where}: predicts skeleton {shape.skeleton.name}; this benchmark needs "
             f"{wanted.name} in its own frame; give weights that were trained for it"
+            f"{_TRAINING.get((protocol.benchmark, protocol.error), '')}"
         )
     if shape.horizon_steps < protocol.n_out:
         raise PredictorError(

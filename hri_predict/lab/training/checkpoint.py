@@ -56,7 +56,8 @@ def check_folder(folder: Path, resume: bool) -> None:
     has_run = os.path.exists(path)  # takes names that are too long
     if has_run and not resume:
         raise ConfigError(
-            f"{folder}: holds a run; --resume continues it, another --out starts a new one"
+            f"{folder}: holds a run; --resume continues it; to start a new one, give another "
+            f"--out, or delete the folder"
         )
     if resume and not has_run:
         raise _missing(path)

@@ -177,8 +177,6 @@ class Run:
             check_folder(self.config.out, resume)
         self.processes.every(torch.zeros(1))  # no process writes before all have checked
         progress, settings = self.progress, self.settings
-        if not resume:
-            self._save()
         if self.processes.rank == 0:
             self.view.started(progress.step, settings.last_step)
         ending = self._ending(False)
@@ -190,7 +188,9 @@ class Run:
             ending = self._ending(interrupted)
             if not at_end and ending == "out of time":
                 self._end_epoch()
-            if not at_end and (ending is not None or self._save_is_due()):
+            # first after one step: before it there is nothing to resume
+            due = ending is not None or progress.step == 1 or self._save_is_due()
+            if not at_end and due:
                 self._save()
         return self._result(ending)
 

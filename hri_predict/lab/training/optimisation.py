@@ -1,5 +1,6 @@
 """One step of training: warm-up and schedule, clipped gradients, averaged weights."""
 
+import inspect
 import math
 from typing import Any, cast
 
@@ -8,6 +9,7 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
 from hri_predict.base.errors import PredictorError
+from hri_predict.contracts import registry
 from hri_predict.lab.training.config import TrainSettings
 from hri_predict.lab.training.parts import part
 from hri_predict.lab.training.processes import Processes
@@ -220,5 +222,10 @@ def _optimiser(
         {"params": [p for p in parameters if p.dim() < 2], "weight_decay": 0.0},
     ]
     kept = [group | {"full_lr": rate} for group in groups if group["params"]]
-    made: torch.optim.Optimizer = part("optimisers", settings.optimiser)(kept, lr=rate, fused=True)
+    name = settings.optimiser
+    kind = part("optimisers", name)
+    with registry.calling(f"optimiser '{name}' cannot be built", "correct it, or use adamw"):
+        # torch's own differ: RMSprop has no fused form
+        fused = {"fused": True} if "fused" in inspect.signature(kind).parameters else {}
+        made: torch.optim.Optimizer = kind(kept, lr=rate, **fused)
     return made

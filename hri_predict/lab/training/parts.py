@@ -26,7 +26,8 @@ OPTIMISERS: Mapping[str, Callable[..., torch.optim.Optimizer]] = {
     "adamw": torch.optim.AdamW,
     "adam": torch.optim.Adam,
 }
-"""``train.optimiser:`` -> class, called with groups of parameters, and with ``lr`` and ``fused``.
+"""``train.optimiser:`` -> class, called with groups of parameters and ``lr``, and with ``fused``
+if it takes that.
 
 Each group states its own ``weight_decay``: none for vectors (biases, scales of norms).
 """

@@ -18,6 +18,7 @@ from hri_predict.base.files import load_yaml, read_text
 from hri_predict.base.settings import Settings, validated
 from hri_predict.lab.training.checkpoint import check_folder, load_checkpoint
 from hri_predict.lab.training.config import TrainingConfig
+from hri_predict.lab.training.first_try import made, try_network
 from hri_predict.lab.training.loop import Epoch, Result, Run
 from hri_predict.lab.training.parts import part
 from hri_predict.lab.training.processes import Processes
@@ -101,6 +102,7 @@ def trained(
     check_run_folder(config, resume)
     source = open_samples(config)
     network = build_network(config, source)
+    try_network(network, source, config.predictor)
     with training_view(config) as view:
         run = Run(config, source, network, view, stop=stop, processes=processes, command=command)
         return run.go(resume)
@@ -113,9 +115,9 @@ def open_samples(config: TrainingConfig) -> SampleSource:
         ConfigError: a key of ``data`` is wrong, or there is nothing to train on.
         RecordingError: a recording cannot be read.
     """
-    made: SampleSourceClass = part("data_sets", config.judgement)
-    data = validated(made.settings_model, config.data, "training configuration: data")
-    source, rate_hz = made.opened(data, **dict(config.shape)), config.shape.rate_hz
+    data_set: SampleSourceClass = part("data_sets", config.judgement)
+    data = validated(data_set.settings_model, config.data, "training configuration: data")
+    source, rate_hz = data_set.opened(data, **dict(config.shape)), config.shape.rate_hz
     if source.shape.rate_hz != rate_hz:
         raise ConfigError(
             f"training configuration: shape.rate_hz {rate_hz:g}: data set {config.judgement} has "
@@ -140,7 +142,7 @@ def build_network(config: TrainingConfig, source: SampleSource) -> Network:
         network_class.options_model, config.options, "training configuration: options"
     )
     torch.manual_seed(config.train.seed)
-    network = network_class(source.shape, options)
+    network = made(network_class, source.shape, options, config.predictor)
     network.rest.copy_(source.rest())
     if config.initial_weights is not None:
         _start_from(network, config.initial_weights)

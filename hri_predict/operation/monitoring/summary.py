@@ -103,6 +103,7 @@ class Summary:
     recording: dict[str, Any] | None = None
     evidence: dict[str, Any] | None = None
     alerts: list[dict[str, Any]] = field(default_factory=list)
+    predictor: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for ``--json``."""
@@ -162,6 +163,8 @@ class Summary:
         ]
         if self.publish_phase_ms is not None:
             rows.insert(3, ("publish phase", f"{self.publish_phase_ms:.2f} ms after a tick is due"))
+        if self.predictor is not None:
+            rows.insert(0, ("predictor", self.predictor))
         if self.shadow:
             rows.insert(0, ("shadow mode", "links sent unknown"))
         if self.recording is not None:

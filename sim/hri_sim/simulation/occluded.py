@@ -23,12 +23,12 @@ from hri_predict.node.listeners import Tick
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
+from hri_predict.run.compared_predictors import with_predictor
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
 from hri_sim.simulation.cell import manned
 from hri_sim.simulation.inputs import read_files
 from hri_sim.simulation.request import OcclusionRequest, OcclusionRow
-from hri_sim.simulation.work import with_predictor
 
 # -- space that boxes hide from cameras, as polygons on the floor: ``source.shadows`` --------------
 

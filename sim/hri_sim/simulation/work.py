@@ -12,8 +12,8 @@ from hri_predict.run import config as configuration
 from hri_predict.run.compared_predictors import (
     ComparedPredictor,
     asked_predictors,
-    demand_weights,
     fitting,
+    with_predictor,
 )
 from hri_predict.run.config import Config
 from hri_sim.simulation import bodies as stages
@@ -102,18 +102,6 @@ class SimulationPlan(SimulationRequest):
         changed = {"calibration": None if found is None else str(found)}
         risk = config.node.risk.model_copy(update={"coverage": coverage.model_copy(update=changed)})
         return replace(config, node=config.node.model_copy(update={"risk": risk}))
-
-
-def with_predictor(config: Config, text: str) -> Config:
-    """Return the configuration with ``NAME`` or ``NAME=WEIGHTS`` as its predictor."""
-    (asked,) = asked_predictors([text])
-    settings: dict[str, Any] = {"horizon_s": config.predictor.horizon_s}
-    if asked.name == config.predictor.name:  # its other weights: everything else stays
-        settings = config.predictor.model_dump(exclude={"name"})
-    if asked.weights is not None:
-        demand_weights(asked)
-        settings["weights"] = str(asked.weights)
-    return config.with_predictor(asked.name, **settings)
 
 
 @dataclass(frozen=True, order=True)

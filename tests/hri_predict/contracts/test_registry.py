@@ -42,11 +42,14 @@ def third_party(tmp_path, monkeypatch):
         tmp_path,
         "[hri_predict.predictors]\nbroken = other_people_s:Wonder\nwonder = good_people_s:Wonder\n"
         "bare = good_people_s:Bare\nnumber = good_people_s:NUMBER\nmodule = good_people_s\n"
-        "quitting = quitting_people_s:Wonder\n",
+        "quitting = quitting_people_s:Wonder\nnet = good_people_s:Net\n"
+        "misnamed = good_people_s:Net\nmethodical = good_people_s:Methodical\n",
         other_people_s="import no_such_library_anywhere\n",
         good_people_s="from hri_predict.contracts.predictor import PredictorSettings\n"
         "class Wonder:\n    settings_model = PredictorSettings\n"
         "class Bare:\n    pass\n"
+        "class Net(Wonder):\n    method, network_class = 'net', object\n"
+        "class Methodical(Wonder):\n    method = 'least squares'\n"
         "NUMBER = 3\n",
         quitting_people_s="raise SystemExit(0)\n",
     )
@@ -61,6 +64,18 @@ def third_party(tmp_path, monkeypatch):
 def test_third_parties_join_by_entry_point():
     assert "wonder" in registry.names("predictors")
     assert repr(registry.load("predictors", "wonder")) == "<class 'good_people_s.Wonder'>"
+
+
+@pytest.mark.usefixtures("third_party")
+def test_a_network_s_predictor_has_the_name_that_its_weights_will_state():
+    assert registry.load("predictors", "net").__name__ == "Net"
+    registry.load("predictors", "methodical")  # without a network, it may mean anything
+    with pytest.raises(ConfigError) as caught:
+        registry.load("predictors", "misnamed")
+    assert str(caught.value) == (
+        "predictor 'misnamed': its class Net has method = 'net', but its entry point is "
+        "'misnamed'; give both the same name and install the package again"
+    )
 
 
 @pytest.mark.usefixtures("third_party")

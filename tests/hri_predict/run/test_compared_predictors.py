@@ -8,15 +8,19 @@ import pytest
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.predictors.baselines import ConstantVelocitySettings, ZeroVelocitySettings
+from hri_predict.predictors.neural.settings import NeuralSettings
+from hri_predict.run import config as configuration
 from hri_predict.run.compared_predictors import (
     asked_predictors,
     basis_of,
     demand_use,
     demand_weights,
     fitting,
+    with_predictor,
 )
 from hri_predict.run.zone_basis import ZoneBasis
 from hri_predict.zones.calibration import shipped_calibration
+from hri_predict.zones.predictor_identity import calibrate_command
 from hri_predict.zones.settings import CoverageSettings
 
 CV = ConstantVelocitySettings(name="constant_velocity", rate_hz=25.0, horizon_s=1.2)
@@ -90,6 +94,21 @@ def test_zones_say_what_they_rest_on(tmp_path):
         "folder of your recordings: hri-predict calibrate --predictor constant_velocity --data "
         "recordings"
     )
+
+
+def test_a_horizon_beyond_that_of_a_calibration_is_part_of_the_command():
+    assert calibrate_command("kalman", None, 2.0).endswith("kalman --horizon 2 --data recordings")
+    (asked,) = asked_predictors(["constant_velocity"])
+    long = CV.model_copy(update={"horizon_s": 2.0, "span_s": 0.2})  # for which none is shipped
+    assert "--horizon 2 " in basis_of(asked, long, CoverageSettings(), Path()).line
+
+
+def test_weights_are_of_the_current_folder_not_of_the_configuration_s():
+    demo = configuration.load(configuration.shipped("demo.yaml"))
+    settings = with_predictor(demo, "mixer=runs/mixer.safetensors").predictor
+    assert isinstance(settings, NeuralSettings)
+    assert settings.weights == str(Path("runs/mixer.safetensors").absolute())
+    assert settings.horizon_s == demo.predictor.horizon_s
 
 
 def test_the_command_that_calibrates_own_weights_can_be_pasted():

@@ -103,6 +103,7 @@ def test_the_demo_slows_stops_and_ends_clear_without_a_contact(recorded):
     assert summary.slowdowns >= 1
     assert summary.stops >= 1
     assert summary.frames_in > 300
+    assert summary.predictor == "constant_velocity"
     assert summary.ticks == 25 * ENDS_S
     assert watch.levels[-1] is Level.CLEAR
     for controller in summary.controllers:

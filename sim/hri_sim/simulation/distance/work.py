@@ -14,6 +14,7 @@ from hri_predict.contracts.predictor import Predictor
 from hri_predict.contracts.source import SourceSettings
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
+from hri_predict.run.compared_predictors import with_predictor
 from hri_predict.run.config import Config
 from hri_predict.run.session import VIRTUAL_START_NS
 from hri_predict.run.working_distance.measure import (
@@ -33,7 +34,6 @@ from hri_sim.simulation.bodies import TrueFuture, foreknown
 from hri_sim.simulation.cell import FOREKNOWN, variants, with_risk
 from hri_sim.simulation.distance.people import Activity, Sight
 from hri_sim.simulation.motion import load_motion
-from hri_sim.simulation.work import with_predictor
 
 RATE_HZ = 30.0
 """Captures per second, if the cell's source has no rate."""

@@ -132,6 +132,26 @@ def test_a_crash_within_an_epoch_costs_only_what_came_after_the_checkpoint(tmp_p
     assert_same_run(tmp_path, straight)
 
 
+def test_a_run_that_fails_in_its_first_step_leaves_the_folder_free(tmp_path):
+    with pytest.raises(PredictorError, match="training step 0"):
+        run(tmp_path, {"blow_up_at": 0.0})
+    _, result, _ = run(tmp_path)
+    assert result.ending == "epochs done"
+
+
+def test_a_crash_after_the_first_step_is_resumed_from_there(tmp_path, straight):
+    def crash():
+        if (tmp_path / "last.pt").exists():
+            raise RuntimeError
+        return False
+
+    with pytest.raises(RuntimeError):
+        run(tmp_path, RESUMED, stop=crash)
+    _, _, view = run(tmp_path, RESUMED, resume=True)
+    assert view.start == (1, 16)
+    assert_same_run(tmp_path, straight)
+
+
 def test_a_finished_run_resumed_does_nothing_more(tmp_path):
     _, first, _ = run(tmp_path)
     _, again, view = run(tmp_path, resume=True)
@@ -141,7 +161,7 @@ def test_a_finished_run_resumed_does_nothing_more(tmp_path):
 
 def test_a_run_is_not_overwritten(tmp_path):
     run(tmp_path, stop_after=1)
-    with pytest.raises(ConfigError, match="holds a run; --resume"):
+    with pytest.raises(ConfigError, match=r"holds a run; --resume .* or delete the folder"):
         run(tmp_path)
 
 

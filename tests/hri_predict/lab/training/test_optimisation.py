@@ -6,6 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import nn
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.lab.training import parts
 from hri_predict.lab.training.config import TrainSettings
 from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.processes import Processes
@@ -121,3 +123,23 @@ def test_bfloat16_is_used_for_products_while_weights_stay_float32():
     assert near != loss
     torch.testing.assert_close(near, loss, rtol=0.01, atol=0)
     torch.testing.assert_close(rounded.line.weight, exact.line.weight, rtol=0.1, atol=0.01)
+
+
+class WithoutLr(torch.optim.SGD):
+    def __init__(self, params):
+        super().__init__(params, lr=1.0)
+
+
+def test_an_optimiser_without_a_fused_form_takes_steps(monkeypatch):
+    monkeypatch.setitem(parts.OPTIMISERS, "rms", torch.optim.RMSprop)
+    network = Line()
+    before = network.line.weight.detach().clone()
+    optimisation = Optimisation(network, settings(optimiser="rms"), Processes())
+    optimisation.step(*batch(), 1.0, 0, progress=0.0)
+    assert not torch.equal(network.line.weight, before)
+
+
+def test_an_optimiser_that_cannot_be_built_is_one_line(monkeypatch):
+    monkeypatch.setitem(parts.OPTIMISERS, "odd", WithoutLr)
+    with pytest.raises(ConfigError, match=r"^optimiser 'odd' cannot be built: TypeError: .*adamw$"):
+        Optimisation(Line(), settings(optimiser="odd"), Processes())

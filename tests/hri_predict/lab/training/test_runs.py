@@ -1,7 +1,11 @@
+from types import SimpleNamespace
+
 import pytest
 
+from hri_predict.base.settings import Settings
 from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.loop import Epoch
+from hri_predict.lab.training.parts import DATA_SETS
 from hri_predict.lab.training.runs import TrainingView, state
 from tests.hri_predict.lab.training.small_run import make_config, run
 
@@ -47,3 +51,21 @@ def test_a_run_that_takes_no_more_steps_is_done(tmp_path, ended, longer):
     run(tmp_path, **ended)
     assert state(make_config(tmp_path, **ended)) == "done"
     assert state(make_config(tmp_path, **longer)).endswith(" %")
+
+
+@pytest.mark.parametrize("flag", ["--data", "--joint-map"])
+def test_a_flag_of_recordings_is_refused_for_a_data_set_without_any(
+    tmp_path, monkeypatch, cli, flag
+):
+    monkeypatch.setitem(DATA_SETS, "waves", SimpleNamespace(settings_model=Settings))
+    path = tmp_path / "waves.yaml"
+    path.write_text(
+        "{predictor: mixer, judgement: waves, shape: {history_steps: 4, horizon_steps: 3}, "
+        f"out: {tmp_path / 'out'}}}"
+    )
+    status, _, err = cli("train", path, flag, "coco17")
+    key = {"--data": "root", "--joint-map": "joint_map"}[flag]
+    assert (status, err) == (
+        2,
+        f"error: {flag}: data set 'waves' has no key data.{key}; leave {flag} out\n",
+    )

@@ -231,9 +231,20 @@ def test_the_table_shows_it():
     out = io.StringIO()
     summary = summary_of()
     summary.controllers = [{"name": "drive", "stops": 1, "events": [], "ended": "ok"}]
+    summary.predictor = "kalman"
     summary.print(Console(file=out, width=120))
     text = out.getvalue()
-    for part in ("frames in", "12", "3 (1)", "0.51 m", "1, 1", "drive", "crc errors", "stale 4"):
+    for part in (
+        "kalman",
+        "frames in",
+        "12",
+        "3 (1)",
+        "0.51 m",
+        "1, 1",
+        "drive",
+        "crc errors",
+        "stale 4",
+    ):
         assert part in text
     assert "contacts, moving robot" in text
 
