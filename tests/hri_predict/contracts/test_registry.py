@@ -68,7 +68,7 @@ def test_third_parties_join_by_entry_point():
 
 @pytest.mark.usefixtures("third_party")
 def test_a_network_s_predictor_has_the_name_that_its_weights_will_state():
-    assert registry.load("predictors", "net").__name__ == "Net"
+    assert repr(registry.load("predictors", "net")) == "<class 'good_people_s.Net'>"
     registry.load("predictors", "methodical")  # without a network, it may mean anything
     with pytest.raises(ConfigError) as caught:
         registry.load("predictors", "misnamed")

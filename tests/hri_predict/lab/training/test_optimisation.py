@@ -135,7 +135,8 @@ def test_an_optimiser_without_a_fused_form_takes_steps(monkeypatch):
     network = Line()
     before = network.line.weight.detach().clone()
     optimisation = Optimisation(network, settings(optimiser="rms"), Processes())
-    optimisation.step(*batch(), 1.0, 0, progress=0.0)
+    window, target = batch()
+    optimisation.step(window, target, 1.0, 0, progress=0.0)
     assert not torch.equal(network.line.weight, before)
 
 
