@@ -251,6 +251,7 @@ _TRAINING = {
     ("cmu", "mpjpe"): ", with judgement: benchmark",
     ("cmu", "euler"): ", with judgement: benchmark and data: {space: rotations}",
     ("human36m", "mpjpe"): ", with judgement: human36m",
+    ("human36m", "euler"): ", with judgement: human36m and data: {space: rotations}",
 }
 
 

@@ -17,9 +17,13 @@ from hri_predict.base.skeleton import Skeleton
 from hri_predict.contracts import registry
 from hri_predict.lab.datasets import cmu_benchmark, human36m
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
+from hri_predict.predictors.neural.human_skeleton import HUMAN22, HUMAN32, SCORED
 
 Takes = tuple[str, str, list[Floats]]
 """An action, its recordings' names in errors, and (n, J, 3) of each at 25 frames per second."""
+
+
+_EULER = "Error of Euler angles by the quaternion route, the root's rotation included."
 
 
 class Benchmark(Protocol):
@@ -86,10 +90,7 @@ class Cmu(Benchmark):
             "cannot err.",
             _AVAILABLE,
         ),
-        "euler": (
-            "Error of Euler angles by the quaternion route, the root's rotation included.",
-            _AVAILABLE,
-        ),
+        "euler": (_EULER, _AVAILABLE),
     }
     published = Path(__file__).with_name("published.yaml")
 
@@ -119,27 +120,30 @@ class Cmu(Benchmark):
 
 
 class Human36m(Benchmark):
-    """Human3.6M, positions; see ``datasets.human36m``."""
+    """Human3.6M; see ``datasets.human36m``."""
 
     title, unit = "Human3.6M", "mm"
-    skeletons = {"mpjpe": human36m.HUMAN22}
-    windows = ("all", "8-seeds")
+    skeletons = {"mpjpe": HUMAN22, "euler": HUMAN32}
+    windows = ("all", *human36m.SEEDED)
     mean_over, zero_shot = (), ()
-    notes = {}
+    notes = {"euler": (_EULER,)}
     published = None
 
     def takes(self, directory: Path, error: str) -> Iterator[Takes]:
         """See ``Benchmark``."""
         for action, takes in human36m.read_takes(directory).items():
             where = f"recordings {directory}: {human36m.TEST_SUBJECT}/{action}_*.txt"
-            yield action, where, [take.positions[:, human36m.SCORED] for take in takes]
+            if error == "euler":
+                yield action, where, [take.maps for take in takes]
+            else:
+                yield action, where, [take.positions[:, SCORED] for take in takes]
 
     def starts(
         self, windows: str, frames: Sequence[int], n_in: int, n_out: int
     ) -> list[NDArray[np.intp]]:
         """See ``Benchmark``."""
-        if windows == "8-seeds":
-            return human36m.seeded_windows(list(frames), n_in)
+        if windows in human36m.SEEDED:
+            return human36m.seeded_windows(list(frames), n_in, windows)
         return [cmu_benchmark.all_windows(n, n_in, n_out) for n in frames]
 
     def errors(self, predicted: Floats, true: Floats) -> Floats:

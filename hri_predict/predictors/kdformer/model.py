@@ -13,8 +13,8 @@ Where this differs from the paper, and why:
   them back. An extra token holds the root's travel, in metres. The loss adds the position error,
   which evaluations measure: a rotation error near the root moves a whole limb, and Eq. 28 does not
   account for that.
-- ``space: rotations`` (the benchmark): the window holds exponential maps of the 38 joints of CMU;
-  the forces come from its skeleton, which is the same for all people.
+- ``space: rotations`` (the benchmarks): the window holds exponential maps of the 38 joints of CMU,
+  or the 32 of Human3.6M; the forces come from its skeleton, which is the same for all people.
 - Quaternions q and -q are the same rotation, so Eq. 28 uses the nearer of the two.
 - Each step's residual has a learnt gain, initialised in proportion to the step's horizon, so an
   untrained network keeps the next steps near the last pose.
@@ -35,6 +35,7 @@ from hri_predict.predictors.kdformer.dynamics import Dynamics, PartCount
 from hri_predict.predictors.kdformer.rotations import KinematicTree, quaternion, shortest
 from hri_predict.predictors.kdformer.transformer import CrossLayer, PositionEmbedding, SelfLayer
 from hri_predict.predictors.neural.cmu_skeleton import CMU38, OFFSETS
+from hri_predict.predictors.neural.human_skeleton import HUMAN32, OFFSETS_MM
 from hri_predict.predictors.neural.network import (
     BodyFrames,
     Network,
@@ -46,6 +47,8 @@ from hri_predict.predictors.neural.network import (
 from hri_predict.predictors.neural.predictor import NeuralPredictor
 
 METRES_PER_UNIT = 0.0254 / 0.45  # true length of the unit of CMU's skeleton files
+_BONES_M = {CMU38.joints: METRES_PER_UNIT * OFFSETS, HUMAN32.joints: OFFSETS_MM / 1000.0}
+"""Bone vectors (J, 3) by the joints that windows of rotations hold."""
 
 
 class KDFormerOptions(NetworkOptions):
@@ -201,13 +204,13 @@ class KDFormer(Network):
         o = self.options = options
         self.tree = KinematicTree(shape.skeleton)
         positions = o.space == "positions"
-        if not positions and shape.skeleton.joints != CMU38.joints:
+        if not positions and shape.skeleton.joints not in _BONES_M:
             raise PredictorError(
-                f"kdformer: space 'rotations' works on skeleton {CMU38.name}, not on "
-                f"{shape.skeleton.name}; use space: positions"
+                f"kdformer: space 'rotations' works on skeletons {CMU38.name} and {HUMAN32.name}, "
+                f"not on {shape.skeleton.name}; use space: positions"
             )
-        offsets = torch.from_numpy(OFFSETS * METRES_PER_UNIT).float()
-        self.register_buffer("offsets", offsets, persistent=False)
+        bones_m = _BONES_M.get(shape.skeleton.joints, _BONES_M[CMU38.joints])
+        self.register_buffer("offsets", torch.from_numpy(bones_m).float(), persistent=False)
         tokens = shape.joints + positions  # one more for travel
         width = tokens * o.width
         self.dynamics = Dynamics(
@@ -306,7 +309,7 @@ class KDFormer(Network):
         """Future exponential maps (B, H, J, 3) of a window of them."""
         with torch.no_grad():
             rotations = shortest(window.positions)
-            # CMU's files hold minus the rotation vector.
+            # the benchmarks' files hold minus the rotation vector
             positions = self.tree.offsets_positions(-rotations, self.offsets)
             lengths = self.offsets.norm(dim=1).expand(rotations.shape[0], -1)
             forces = self.dynamics(positions, lengths)

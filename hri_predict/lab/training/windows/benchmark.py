@@ -34,14 +34,16 @@ from hri_predict.lab.datasets.cmu_benchmark import (
 )
 from hri_predict.lab.datasets.human36m import (
     FIT_SUBJECTS,
-    HUMAN22,
-    SCORED,
     VALIDATION_SUBJECT,
     read_takes,
+)
+from hri_predict.lab.datasets.human36m import (
+    Take as HumanTake,
 )
 from hri_predict.lab.datasets.splits import benchmark_split
 from hri_predict.lab.training.windows.samples import Samples
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
+from hri_predict.predictors.neural.human_skeleton import HUMAN22, HUMAN32, SCORED
 from hri_predict.predictors.neural.mirror import Mirror
 from hri_predict.predictors.neural.network import Shape
 
@@ -86,8 +88,6 @@ class BenchmarkData(WindowData):
 
 class HumanData(WindowData):
     """``data:`` for Human3.6M."""
-
-    space: Literal["positions"] = "positions"
 
 
 class BenchmarkSamples:
@@ -204,11 +204,12 @@ class BenchmarkSamples:
 class HumanSamples(BenchmarkSamples):
     """Windows of Human3.6M: subject 11 for validation, 5 for the test; a refit uses all others.
 
-    Positions are (22, 3) of ``HUMAN22`` in metres, x forward, y left, z up.
+    Positions are (22, 3) of ``HUMAN22`` in metres, x forward, y left, z up; rotations are (32, 3)
+    exponential maps of ``HUMAN32`` as stored, radians.
     """
 
     settings_model = HumanData
-    skeletons = {"positions": HUMAN22}
+    skeletons = {"positions": HUMAN22, "rotations": HUMAN32}
 
     @staticmethod
     def _takes(data: Any) -> tuple[list[Take], list[Take]]:
@@ -217,7 +218,7 @@ class HumanSamples(BenchmarkSamples):
         for subject in every:
             with suppress(ConfigError):  # it is missing
                 found[subject] = [
-                    (action, to_model(take.positions[:, SCORED]))
+                    (action, _human_values(take, data.space))
                     for action, takes in read_takes(data.root, (subject,)).items()
                     for take in takes
                 ]
@@ -275,6 +276,11 @@ class _Windows:
             known=torch.ones(future.shape[:3], dtype=torch.bool),
             actions=torch.from_numpy(np.asarray(actions)),
         )
+
+
+def _human_values(take: HumanTake, space: str) -> Floats:
+    """A take as networks read it: (n, 22, 3) metres or (n, 32, 3) maps."""
+    return take.maps if space == "rotations" else to_model(take.positions[:, SCORED])
 
 
 def model_values(clip: Clip, space: str) -> Floats:

@@ -11,16 +11,19 @@ import torch
 from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.lab.datasets.cmu_benchmark import to_model
 from hri_predict.lab.datasets.human36m import (
-    HUMAN22,
-    OFFSETS_MM,
-    PARENTS,
-    SCORED,
     read_take,
     read_takes,
     seeded_windows,
 )
 from hri_predict.lab.evaluation.benchmark import Protocol, judge, open_tests, zero_velocity
 from hri_predict.lab.training.windows.benchmark import HumanData, HumanSamples
+from hri_predict.predictors.neural.human_skeleton import (
+    HUMAN22,
+    HUMAN32,
+    OFFSETS_MM,
+    PARENTS,
+    SCORED,
+)
 
 
 def rotation(vector):
@@ -133,22 +136,28 @@ def test_training_without_the_subject_that_validates_is_refused(dataset):
 
 
 @pytest.mark.long
-def test_a_network_is_trained_on_it_and_judged(dataset, tmp_path, cli):
+@pytest.mark.parametrize(
+    ("name", "sizes", "error"),
+    [
+        ("trajectorycnn", ["options.channels=4", "options.blocks=1"], "mpjpe"),
+        ("kdformer", ["options.layers=1"], "euler"),
+    ],
+)
+def test_a_network_is_trained_on_it_and_judged(dataset, tmp_path, cli, *, name, sizes, error):
     def hri_predict(*arguments):
         status, out, err = cli(*arguments)
         assert status == 0, err
         return out
 
-    small = ["judgement=human36m", "options.channels=4", "options.blocks=1", "train.epochs=1"]
-    small += ["train.windows_per_epoch=32", f"out={tmp_path / 'run'}"]
-    changes = [part for each in small for part in ("--set", each)]
-    hri_predict("train", "configs/training/papers/trajectorycnn.yaml", "--data", dataset, *changes)
-    weights = tmp_path / "run" / "trajectorycnn.safetensors"
+    small = ["judgement=human36m", *sizes, "train.epochs=1", "train.windows_per_epoch=32"]
+    changes = [part for each in (*small, f"out={tmp_path / 'run'}") for part in ("--set", each)]
+    hri_predict("train", f"configs/training/papers/{name}.yaml", "--data", dataset, *changes)
+    weights = tmp_path / "run" / f"{name}.safetensors"
     asked = ["--benchmark", "human36m", "--data", dataset, "--windows", "8-seeds", "--json"]
-    found = hri_predict("evaluate", *asked, "--predictor", f"trajectorycnn={weights}")
-    results = json.loads(found)["results"]
-    assert results[0]["method"] == "trajectorycnn"
-    assert set(results[0]["actions"]) == {"walking", "eating"}
+    found = json.loads(hri_predict("evaluate", *asked, "--predictor", f"{name}={weights}"))
+    assert found["error"] == error
+    assert found["results"][0]["method"] == name
+    assert set(found["results"][0]["actions"]) == {"walking", "eating"}
 
 
 def test_seeded_windows_are_the_ones_that_papers_list():
@@ -173,11 +182,34 @@ def test_eight_seeds_of_each_action(dataset):
     assert [t.history.shape for t in tests] == [(8, 10, 22, 3)] * 2
 
 
+def test_256_seeds_go_on_where_8_end(dataset):
+    eight, all_of_them = (seeded_windows([1296, 1192], 50, w) for w in ("8-seeds", "256-seeds"))
+    assert [len(d) for d in all_of_them] == [128, 128]
+    for few, many in zip(eight, all_of_them, strict=True):
+        np.testing.assert_array_equal(many[:4], few)
+    tests = list(open_tests(Protocol("human36m", "256-seeds", 25), dataset))
+    assert [t.history.shape for t in tests] == [(256, 10, 22, 3)] * 2
+
+
+def test_maps_are_the_stored_ones_of_all_joints_and_the_root_turns(dataset):
+    path = dataset / "S5" / "walking_1.txt"
+    stored = np.loadtxt(path, delimiter=",")
+    np.testing.assert_array_equal(read_take(path).maps, stored[::2, 3:].reshape(-1, 32, 3))
+    tests = list(open_tests(Protocol("human36m", "8-seeds", 25, "euler"), dataset))
+    assert [t.history.shape for t in tests] == [(8, 50, 32, 3)] * 2
+    assert HUMAN32.parents == PARENTS
+    source = HumanSamples(HumanData(root=dataset, space="rotations"), 50, 25)
+    assert (source.shape.skeleton, source.shape.joints) == (HUMAN32, 32)
+    window = source.batch(np.random.default_rng(0), 1)
+    joined = torch.cat([window.history, window.future], 1)[0].numpy()
+    takes = [take.maps for take in read_takes(dataset, ["S1"])["walking"]]
+    gaps = [np.abs(t[i : i + 75] - joined).max() for t in takes for i in range(len(t) - 74)]
+    assert min(gaps) < 1e-6
+
+
 def test_mistakes_are_named_in_one_line(dataset):
     with pytest.raises(ConfigError, match=r"80-seeds: Human3\.6M is evaluated with all, 8-seeds"):
         list(open_tests(Protocol("human36m", "80-seeds", 25), dataset))
-    with pytest.raises(ConfigError, match=r"euler: Human3\.6M is evaluated with mpjpe"):
-        list(open_tests(Protocol("human36m", "all", 25, "euler"), dataset))
     with pytest.raises(ConfigError, match=r"S5/<action>_<n>\.txt"):
         read_takes(dataset / "S1")
     with pytest.raises(RecordingError, match="more than 166 frames"):
