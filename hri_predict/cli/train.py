@@ -91,7 +91,9 @@ def train(
             )
         if processes.rank == 0:
             _show(result, settings.error_unit, as_json)
-        if result.ending == "interrupted":
+        # asked to stop in its last step, a run is finished; processes must agree, so this one alone
+        before_next = settings is not asked[-1] and processes.count == 1 and stop()
+        if result.ending == "interrupted" or before_next:
             if processes.rank == 0:
                 again = _again(plan is None, processes.count)
                 print(f"saved; continue with: {again}", file=sys.stderr)

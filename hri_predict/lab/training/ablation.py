@@ -89,7 +89,7 @@ def trained(config: TrainingConfig, stop: Callable[[], bool] = lambda: False) ->
         KeyboardInterrupt: ``stop`` returned true; the run is saved.
     """
     result = runs_of.trained(config, resume=runs_of.begun(config), stop=stop)
-    if result.ending == "interrupted":
+    if result.ending == "interrupted" or stop():  # asked to stop in its last step: it is finished
         raise KeyboardInterrupt
     return result.weights
 

@@ -134,6 +134,21 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(ablate, tmp_path, monkeypatch
     assert not (tmp_path / "runs" / "none").exists()
 
 
+def test_ctrl_c_in_the_last_step_of_a_run_does_not_start_the_next(ablate, tmp_path, monkeypatch):
+    draw = MotionSamples.batch
+
+    def interrupted(self, rng, size):
+        if size == 8 and not (tmp_path / "runs" / "none").exists():
+            signal.raise_signal(signal.SIGINT)
+        return draw(self, rng, size)
+
+    monkeypatch.setattr(MotionSamples, "batch", interrupted)
+    one_step = ["train.epochs=1", "train.windows_per_epoch=8", "options.channels=2"]
+    assert ablate(*one_step) == 130
+    assert (tmp_path / "runs" / "all" / "trajectorycnn.safetensors").exists()
+    assert [folder.name for folder in (tmp_path / "runs").iterdir()] == ["all"]
+
+
 @pytest.mark.parametrize("out", ["/dev/null/runs", "taken"])
 @pytest.mark.parametrize("config", ["own", "trajectorycnn"], indirect=True)
 def test_what_cannot_be_written_is_told_before_the_first_run(
