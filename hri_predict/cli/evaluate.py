@@ -211,7 +211,8 @@ def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> "dict[str, Co
     if len(weights) != len(predictors):
         raise ConfigError(
             f"--weights: {len(weights)} given for {len(predictors)} --predictor; give one for each "
-            f"in the same order, or none (baselines have none, and are always evaluated)"
+            f"in the same order, or write --predictor NAME=WEIGHTS where a predictor has weights "
+            f"(baselines have none, and are always evaluated)"
         )
     pairs = [f"{name}={file}" for name, file in zip(predictors, weights, strict=True)]
     return {asked.label: asked for asked in asked_predictors(pairs)}

@@ -84,7 +84,10 @@ def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
 
     if predictor in ("zero_velocity", "constant_velocity", AVERAGE):
         if weights is not None:
-            raise ConfigError(f"--weights: {predictor} does not use weights; leave it out")
+            raise ConfigError(
+                f"--weights: {predictor} does not use weights; leave it out, and write --predictor "
+                f"NAME=WEIGHTS for others"
+            )
         return None
     if network_class_of(predictor) is None:
         raise ConfigError(

@@ -89,7 +89,7 @@ class TrajectoryCNNOptions(NetworkOptions):
     relative: bool = True
     mirrored: bool = False
     decoder: int | None = Field(None, ge=1, le=1024)
-    bone_weight: float = Field(0.0, ge=0)
+    bone_weight: float = Field(0.0, ge=0, le=100)
     early: float = Field(0.0, ge=0, le=2)
 
 

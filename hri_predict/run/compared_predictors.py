@@ -4,6 +4,7 @@ Every comparison prints the basis of their zones: without a calibration, zones f
 physical limits alone, so the predictor appears worse than its forecasts are.
 """
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,11 @@ class ComparedPredictor:
     label: str
 
 
+def _same_file(pair: tuple[str, Path | None]) -> tuple[str, str | None]:
+    name, weights = pair
+    return name, None if weights is None else os.path.realpath(weights)
+
+
 def asked_predictors(texts: Sequence[str]) -> list[ComparedPredictor]:
     """Parse each ``NAME`` or ``NAME=WEIGHTS``; a name may occur several times with different
     weights.
@@ -52,7 +58,7 @@ def asked_predictors(texts: Sequence[str]) -> list[ComparedPredictor]:
         if not name or (equals and not file):
             raise ConfigError(f"--predictor {text}: write NAME or NAME=WEIGHTS.safetensors")
         pair = (name, Path(file) if equals else None)
-        if pair in pairs:
+        if _same_file(pair) in map(_same_file, pairs):
             raise ConfigError(
                 f"--predictor {text}: given twice; name each predictor once, or give different "
                 "weights: "

@@ -141,12 +141,30 @@ def build_network(config: TrainingConfig, source: SampleSource) -> Network:
     options = validated(
         network_class.options_model, config.options, "training configuration: options"
     )
+    _check_space(options, str(config.data.get("space", "positions")))
     torch.manual_seed(config.train.seed)
     network = made(network_class, source.shape, options, config.predictor)
     network.rest.copy_(source.rest())
     if config.initial_weights is not None:
         _start_from(network, config.initial_weights)
     return network
+
+
+def _check_space(options: NetworkOptions, space: str) -> None:
+    """Refuse options that take rotations for positions, which would go unnoticed."""
+    own = getattr(options, "space", space)
+    if own != space:
+        raise ConfigError(
+            f"training configuration: options.space is {own} and data.space {space}; set both alike"
+        )
+    if space == "positions":
+        return
+    for key, off in (("mirrored", "false"), ("bone_weight", "0")):
+        if getattr(options, key, False):
+            raise ConfigError(
+                f"training configuration: options.{key} needs positions, and data.space is "
+                f"{space}; set options.{key}={off}"
+            )
 
 
 def _start_from(network: Network, path: Path) -> None:

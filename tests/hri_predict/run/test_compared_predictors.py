@@ -46,6 +46,7 @@ def test_the_same_predictor_with_other_weights_is_told_apart():
     [
         (["sinn", "sinn"], "--predictor sinn: given twice"),
         (["sinn=w", "sinn=w"], "--predictor sinn=w: given twice"),
+        (["sinn=w", "sinn=./a/../w"], "--predictor sinn=./a/../w: given twice"),
         (["sinn="], "--predictor sinn=: write NAME or NAME=WEIGHTS"),
         (["=w"], "--predictor =w: write NAME or NAME=WEIGHTS"),
     ],

@@ -222,6 +222,8 @@ class HumanSamples(BenchmarkSamples):
                     for action, takes in read_takes(data.root, (subject,)).items()
                     for take in takes
                 ]
+        if not found:
+            read_takes(data.root, every)  # names what is missing
         if missing := [subject for subject in every if subject not in found]:
             log.warning("data.root %s: trained without subjects %s", data.root, ", ".join(missing))
         _check_actions(data.actions, [action for takes in found.values() for action, _ in takes])

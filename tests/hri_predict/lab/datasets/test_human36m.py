@@ -129,6 +129,11 @@ def test_training_names_the_subjects_that_are_missing(dataset, caplog):
     assert f"data.root {dataset}: trained without subjects S6, S7, S8, S9" in caplog.text
 
 
+def test_training_from_a_folder_without_any_subject_names_the_folder(tmp_path):
+    with pytest.raises(ConfigError, match=r"S1 or S6 .*\.txt there .*; give the folder"):
+        HumanSamples(HumanData(root=tmp_path), 10, 25)
+
+
 def test_training_without_the_subject_that_validates_is_refused(dataset):
     shutil.rmtree(dataset / "S11")
     with pytest.raises(ConfigError, match=r"data\.root .*: no recording of S11 to train with"):

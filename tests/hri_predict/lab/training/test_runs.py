@@ -1,12 +1,14 @@
 from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import Settings
 from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.loop import Epoch
 from hri_predict.lab.training.parts import DATA_SETS
-from hri_predict.lab.training.runs import TrainingView, state
+from hri_predict.lab.training.runs import TrainingView, build_network, state
 from tests.hri_predict.lab.training.small_run import make_config, run
 
 
@@ -69,3 +71,20 @@ def test_a_flag_of_recordings_is_refused_for_a_data_set_without_any(
         2,
         f"error: {flag}: data set 'waves' has no key data.{key}; leave {flag} out\n",
     )
+
+
+@pytest.mark.parametrize(
+    ("predictor", "options", "says"),
+    [
+        ("mixer", {}, "options.mirrored needs positions, .*; set options.mirrored=false"),
+        ("trajectorycnn", {"bone_weight": 0.5}, "set options.bone_weight=0"),
+        ("kdformer", {}, "options.space is positions and data.space rotations; set both alike"),
+    ],
+)
+def test_rotations_are_never_taken_for_positions(predictor, options, says):
+    config = TrainingConfig.model_validate({
+        "predictor": predictor, "judgement": "benchmark", "out": "none", "options": options,
+        "shape": {"history_steps": 8, "horizon_steps": 5}, "data": {"space": "rotations"},
+    })  # fmt: skip
+    with pytest.raises(ConfigError, match=says):
+        build_network(config, cast(Any, None))
