@@ -8,6 +8,7 @@ affects only parts that need it. The contracts define the parts: ``source``, ``p
 
 import contextlib
 import sys
+import traceback
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from importlib import metadata
@@ -202,11 +203,12 @@ def building(what: str) -> contextlib.AbstractContextManager[None]:
 
 
 @contextlib.contextmanager
-def calling(failed: str, remedy: str) -> Iterator[None]:
+def calling(failed: str, remedy: str, package: str = "") -> Iterator[None]:
     """Wrap calls of code that may come from a third party.
 
     Raises:
-        HriPredictError: the part's own error, or one line: ``failed``, the error and ``remedy``.
+        HriPredictError: the part's own error, or one line: ``failed``, the error, its place in
+            ``package`` if given, and ``remedy``.
     """
     try:
         yield
@@ -214,7 +216,20 @@ def calling(failed: str, remedy: str) -> Iterator[None]:
         raise
     except BaseException as error:
         failure(error)
-        raise ConfigError(f"{failed}: {_said(error)}; {remedy}") from error
+        where = _where(error, package) if package else ""
+        raise ConfigError(f"{failed}: {_said(error)}{where}; {remedy}") from error
+
+
+def _where(error: BaseException, package: str) -> str:
+    """Return the innermost line of the package's code that an error passed through."""
+    top = package.partition(".")[0]
+    called = list(traceback.walk_tb(error.__traceback__))[2:]  # below ``calling`` and its user
+    own = [
+        (frame.f_code.co_filename, line)
+        for frame, line in called
+        if str(frame.f_globals.get("__name__")).partition(".")[0] == top
+    ]
+    return f" (in {own[-1][0]}:{own[-1][1]})" if own else ""
 
 
 def _said(error: BaseException) -> str:

@@ -1,17 +1,16 @@
 """A network's first call, before its training: each mistake in it is one line."""
 
-import contextlib
 import copy
 import logging
 import math
-import traceback
-from collections.abc import Iterator
+from contextlib import AbstractContextManager
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from hri_predict.base.errors import HriPredictError, PredictorError, failure, first_line
+from hri_predict.base.errors import PredictorError
+from hri_predict.contracts import registry
 from hri_predict.lab.training.windows.samples import SampleSource
 from hri_predict.predictors.neural.network import (
     BodyFrames,
@@ -31,7 +30,7 @@ def made(network_class: NetworkClass, shape: Shape, options: NetworkOptions, nam
     """Build the network of the predictor ``name``.
 
     Raises:
-        PredictorError: it fails, or its ``__init__`` leaves out what every network has.
+        HriPredictError: it fails, or its ``__init__`` leaves out what every network has.
     """
     package = getattr(network_class, "__module__", "")
     with _calling(name, "its network cannot be built", package):
@@ -54,7 +53,7 @@ def try_network(network: Network, source: SampleSource, name: str) -> None:
     """Call a copy of the network of the predictor ``name`` and its losses once.
 
     Raises:
-        PredictorError: a call fails or returns anything other than ``Network`` says.
+        HriPredictError: a call fails or returns anything other than ``Network`` says.
     """
     package = type(network).__module__
     samples = source.batch(np.random.default_rng(0), _WINDOWS)
@@ -144,33 +143,6 @@ def _trains_deviation(network: Network, window: BodyFrames, target: Target) -> b
     return False
 
 
-@contextlib.contextmanager
-def _calling(name: str, failed: str, package: str) -> Iterator[None]:
-    """Wrap calls of a network that a user wrote in ``package``.
-
-    Raises:
-        PredictorError: one line with the error, and the file and line of the user's code.
-    """
-    try:
-        yield
-    except HriPredictError:
-        raise
-    except BaseException as error:
-        failure(error)
-        said = f"{type(error).__name__}: {first_line(error)}"
-        raise PredictorError(
-            f"predictor {name}: {failed}: {said}{_where(error, package)}; correct it"
-        ) from error
-
-
-def _where(error: BaseException, package: str) -> str:
-    """Return the innermost line of the package's code that an error passed through."""
-    top = package.partition(".")[0]
-    frames = list(traceback.walk_tb(error.__traceback__))
-    own = [
-        (frame.f_code.co_filename, line)
-        for frame, line in frames
-        if str(frame.f_globals.get("__name__")).partition(".")[0] == top
-        and frame.f_globals.get("__name__") != __name__
-    ]
-    return f" (in {own[-1][0]}:{own[-1][1]})" if own else ""
+def _calling(name: str, failed: str, package: str) -> AbstractContextManager[None]:
+    """Wrap calls of a network that a user wrote in ``package``; see ``registry.calling``."""
+    return registry.calling(f"predictor {name}: {failed}", "correct it", package)

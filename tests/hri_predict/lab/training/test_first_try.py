@@ -6,7 +6,7 @@ import logging
 import pytest
 import torch
 
-from hri_predict.base.errors import PredictorError
+from hri_predict.base.errors import HriPredictError, PredictorError
 from hri_predict.lab.training import runs
 from hri_predict.lab.training.first_try import made, try_network
 from hri_predict.predictors.neural.network import Network, deviation_loss, mpjpe
@@ -45,7 +45,7 @@ class Failing(Small):
     ],
 )
 def test_a_network_that_is_built_wrongly(network, said):
-    with pytest.raises(PredictorError, match=f"^predictor mine: its network {said}$"):
+    with pytest.raises(HriPredictError, match=f"^predictor mine: its network {said}$"):
         made(network, SHAPE, Options(), "mine")
 
 
@@ -128,7 +128,7 @@ EXPECTED = r"; expected \(64, 3, 28, 3\): windows, horizon steps, joints, x y z"
     ],
 )
 def test_a_network_that_computes_something_else(network, said):
-    with pytest.raises(PredictorError, match=f"^predictor mine: {said}") as error:
+    with pytest.raises(HriPredictError, match=f"^predictor mine: {said}") as error:
         try_network(network(SHAPE, Options()), Walkers(), "mine")
     assert "\n" not in str(error.value)
 
