@@ -279,10 +279,10 @@ class Memory(Listener):
             return True
         try:
             self._write(data)
-        except OSError as error:
+        except (OSError, TypeError, ValueError) as error:  # the last two: not JSON, or NaN
             self.failures += 1
             self.failing = True
-            self.last_error = error.strerror or str(error)
+            self.last_error = getattr(error, "strerror", None) or str(error)
             if self.failures % 1000 == 1:
                 log.warning("the state file %s is not written: %s", self.path, self.last_error)
             return False

@@ -169,6 +169,7 @@ class Node:
             if self.assess_failures == 0 or self.assess_failures % 1000 == 0:
                 log.exception("the tick failed (earlier failures: %d)", self.assess_failures)
             self.assess_failures += 1
+            assessment = None  # its state and reasons would contradict the advice
             advices = self._all_robots(Level.FAULT, Reason.NODE_FAULT)
         self.state = self._state_of(snapshot, assessment, reasons)
         status = self._status(snapshot, reasons, assessment)

@@ -97,6 +97,22 @@ class DelayBudget:
             "reaction": worst.reaction_s if worst is not None else 0.0,
         }
 
+    def oldest_s(self, robots: Sequence[str]) -> Mapping[str, float]:
+        """Return the maximum age of advice that the controller on each link may obey, s, by link.
+
+        Each robot's distances contain its own T_r, so a robot on a fast link needs a lower limit
+        than one on a slow link. The controller brakes within ``reaction_s`` of refusing.
+        """
+        return {
+            link.name: min(
+                self.reaction_s(self.stale_s, robot)
+                for robot in robots
+                if link.robots is None or robot in link.robots
+            )
+            - link.reaction_s
+            for link in self.links
+        }
+
     def check(
         self, robot: str, stopping_s: float, horizon_s: float, extend_beyond_horizon: bool
     ) -> None:

@@ -191,7 +191,7 @@ def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any
         for model, settings in zip(assembly.robots, config.node.robots, strict=True)
     }
     terms = dict(budget.terms())
-    reaction_time_s = sum(terms.values())
+    oldest_s = budget.oldest_s([robot.name for robot in config.node.robots])
     terms["controller_reaction"] = terms.pop("reaction")  # one part of T_r, not all of it
     risk = _risk_needs(config, assembly, budget)
     calibration = zones.calibration_facts(config, date.today())
@@ -206,10 +206,12 @@ def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any
         "path": str(config.path),
         "ticks": ticks_facts(config.node, source.rate_hz),
         "delay_budget_s": terms,
-        "reaction_time_s": reaction_time_s,
-        "refuse_advice_older_than_s": reaction_time_s - terms["controller_reaction"],
+        "reaction_time_s": sum(terms.values()),
+        "refuse_advice_older_than_s": dict(oldest_s),
         "stopping": {name: {"time_s": t, "distance_m": d} for name, (t, d) in stops.items()},
-        "until_stopped_s": {name: reaction_time_s + t for name, (t, _) in stops.items()},
+        "until_stopped_s": {
+            name: budget.reaction_s(budget.stale_s, name) + t for name, (t, _) in stops.items()
+        },
         "horizon_s": predictor.horizon_steps / predictor.rate_hz,
         "engine": zones.engine_facts(predictor),
         "loops": zones.loops_line(),
@@ -308,8 +310,9 @@ def _delay_table(found: dict[str, Any]) -> Table:
         table.add_row(_DELAYS[name], f"{seconds * 1e3:.0f} ms")
     total_ms = found["reaction_time_s"] * 1e3
     table.add_row("T_r: reaction time, capture to braking", f"{total_ms:.0f} ms", end_section=True)
-    oldest_ms = found["refuse_advice_older_than_s"] * 1e3
-    table.add_row("controllers: reject advice older than", f"{oldest_ms:.0f} ms", end_section=True)
+    for whose, oldest_s in _oldest(found["refuse_advice_older_than_s"]):
+        table.add_row(f"{whose}: reject advice older than", f"{oldest_s * 1e3:.0f} ms")
+    table.add_section()
     for robot, stop in found["stopping"].items():
         table.add_row(
             f"{robot}: stopping from full speed, T_s",
@@ -319,6 +322,13 @@ def _delay_table(found: dict[str, Any]) -> Table:
         table.add_row(f"{robot}: until it has stopped, T_r + T_s", f"{total * 1e3:.0f} ms")
     table.add_row("horizon of the forecast", f"{found['horizon_s'] * 1e3:.0f} ms")
     return table
+
+
+def _oldest(by_link: dict[str, float]) -> list[tuple[str, float]]:
+    """Return whose controllers have which limit: one row if all have the same."""
+    if len({round(limit_s, 6) for limit_s in by_link.values()}) == 1:
+        return [("controllers", next(iter(by_link.values())))]
+    return [(f"controller on link {link}", limit_s) for link, limit_s in by_link.items()]
 
 
 def _load_table(links: list[dict[str, Any]]) -> Table:

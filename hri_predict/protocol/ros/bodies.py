@@ -7,8 +7,9 @@ id is the index in the message. Orientations are not used.
 
 ``visualization_msgs/MarkerArray``, as published by the Azure Kinect driver: one marker per joint,
 with the marker id 100 times the body's number plus the joint's number
-(github.com/microsoft/Azure_Kinect_ROS_Driver, ``k4a_ros_device.cpp``). Lines and texts are not
-joints; deleted markers are ignored.
+(github.com/microsoft/Azure_Kinect_ROS_Driver, ``k4a_ros_device.cpp``). Lines and texts beside them
+are not joints; deleted markers are ignored. A message that draws something, but no joint, is
+refused: it may show people in another way, so it does not mean that nobody is there.
 """
 
 from collections.abc import Sequence
@@ -27,6 +28,7 @@ MAX_PEOPLE = 64
 MAX_ID = 65_535
 IDS_PER_BODY = 100
 _SOLID = range(4)  # arrow, cube, sphere, cylinder: have one place
+_BESIDE = (4, 5, 9)  # line strip, line list, text: bones and labels
 _ADD = 0
 
 
@@ -94,10 +96,17 @@ def of_marker_array(message: Any, names: Sequence[str]) -> Bodies:
     """Return the bodies in a ``MarkerArray`` of people with these joints.
 
     Raises:
-        MessageError: an id outside the joint map, a repeated joint, two frames, two stamps, or too
-            many people.
+        MessageError: an id outside the joint map, a repeated joint, two frames, two stamps, too
+            many people, or markers that are not one for each joint.
     """
-    shown = [m for m in message.markers if m.action == _ADD and m.type in _SOLID]
+    drawn = [m for m in message.markers if m.action == _ADD]
+    shown = [m for m in drawn if m.type in _SOLID]
+    other = [m.type for m in drawn if m.type not in (*_SOLID, *_BESIDE)]
+    if other or (drawn and not shown):
+        raise MessageError(
+            f"it draws markers of type {(other or [drawn[0].type])[0]}, which are not one for each "
+            f"joint; publish a sphere (type 2) for each joint, id = body x 100 + joint"
+        )
     if not shown:
         return Bodies(stamp_ns=None, frame="", people=())
     joints, first = len(names), shown[0].header

@@ -50,7 +50,7 @@ def _computed(config: Config) -> dict[str, float]:
             carried = [
                 link.delay_s
                 for link in config.links
-                if link.robots is None or settings.name in link.robots
+                if not link.robots or settings.name in link.robots  # an empty list means all
             ]
             delay_s = max(carried, default=0.0)
             if delay_s - settings.motion.delay_s > NEGLIGIBLE_S:

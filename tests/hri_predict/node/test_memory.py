@@ -342,6 +342,20 @@ def test_a_full_disk_is_counted_and_tried_again(tmp_path, monkeypatch, caplog):
     node.memory.close()
 
 
+@pytest.mark.parametrize("wrong", [float("nan"), object()])
+def test_what_cannot_be_written_is_counted_and_the_next_is_written(tmp_path, wrong):
+    node = Node(tmp_path)
+    node.memory.open()
+    node.part.data = {"latch": wrong}
+    node.memory.on_tick(TICK)
+    assert (node.memory.written, node.memory.failures, node.memory.failing) == (0, 1, True)
+    assert node.memory.last_error
+    node.part.data = {"latch": 2}
+    node.memory.on_tick(TICK)
+    assert (node.memory.written, node.memory.failing) == (1, False)
+    node.memory.close()
+
+
 def test_the_thread_writes_what_came_last_before_it_ends(tmp_path):
     part = Part({"latch": 1})
     memory = Memory(StateSettings(path="s.json"), tmp_path, {"part": part})

@@ -140,6 +140,19 @@ def test_a_risk_stage_that_raises_is_a_fault_and_recovers(near, monkeypatch, cap
     assert all(report.ended == "ok" for report in near.cell.stop())
 
 
+def test_a_failure_after_the_risk_stage_is_a_fault_in_status_and_advice(near, monkeypatch):
+    def raises():
+        raise ZeroDivisionError("injected")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(near.node, "_release", raises)
+        ticks = near.run(0.4)
+    assert {t.advices[0].level for t in ticks} == {Level.FAULT}
+    assert {t.status.node_state for t in ticks} == {NodeState.FAULT}
+    assert {t.status.reason for t in ticks} == {Reason.NODE_FAULT}
+    assert all(t.assessment is None for t in ticks)
+
+
 @pytest.mark.parametrize("error", [OSError("injected"), CancelledError()])
 @pytest.mark.parametrize("stage", ["people", "prediction"])
 def test_any_other_stage_that_raises_is_a_fault_too(near, monkeypatch, stage, error, caplog):

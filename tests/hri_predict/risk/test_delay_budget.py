@@ -43,6 +43,22 @@ def test_each_robot_has_its_own_worst_link():
     assert budget.terms("a")["silence_timeout"] == 0.148
 
 
+def test_a_controller_refuses_by_its_own_robots_delays():
+    budget = DelayBudget.from_settings(50.0, [FAST, SLOW], 0.1)
+    assert budget.oldest_s(["a", "b"]) == pytest.approx(
+        {"fast": 0.1 + 0.03 + 0.122 - 0.02, "slow": 0.1 + 0.03 + 0.26 - 0.05}
+    )
+    # on a link for several robots the one with the shortest T_r decides
+    budget = DelayBudget.from_settings(50.0, [FAST, SLOW, BOTH], 0.1)
+    all_three = budget.oldest_s(["a", "b"])
+    assert all_three["both"] == pytest.approx(0.1 + 0.03 + 0.15 - 0.001)
+    assert all_three["fast"] == pytest.approx(0.1 + 0.03 + 0.15 - 0.02)
+    for link in (FAST, SLOW, BOTH):
+        for robot in link.robots or ("a", "b"):
+            brakes_s = all_three[link.name] + link.reaction_s
+            assert brakes_s <= budget.reaction_s(0.1, robot) + 1e-12
+
+
 def test_a_robot_that_no_link_advises_has_the_nodes_delays_alone():
     assert DelayBudget.from_settings(25.0, [SLOW], 0.1).after_now_s("a") == pytest.approx(0.06)
     assert DelayBudget.from_settings(25.0, [], 0.1).after_now_s() == pytest.approx(0.06)

@@ -107,7 +107,7 @@ def test_a_predictor_with_settings_of_its_own_is_not_calibrated(tmp_path):
 
 
 def test_a_guarantee_that_so_few_recordings_do_not_give_is_refused(checked):
-    with pytest.raises(ConfigError, match="with 45 more, lower the level, or set basis"):
+    with pytest.raises(ConfigError, match="with 49 more, lower the level, or set basis"):
         checked("  mode: predictive\n  coverage: {basis: guaranteed}\n")
 
 
@@ -149,3 +149,32 @@ def test_sets_that_no_link_can_choose_are_noted(checked):
     assert (chosen["number"], chosen["name"]) == (4, "load")
     assert 0 < chosen["hash"] < 2**32
     assert any("no link can choose a set" in note for note in found["notes"])
+
+
+TWO = """\
+rate_hz: 25
+source: {kind: udp, room_from_source: {xyz: [0, 0, 0]}, rate_hz: 30, joint_map: coco17}
+predictor: {name: constant_velocity, horizon_s: 1.2}
+people: {posture_unchecked: only a test of check}
+robots:
+  - {name: a, model: ur5e, room_from_robot: {xyz: [0, 0, 0]}, max_speed_m_s: 1.0}
+  - {name: b, model: ur5e, room_from_robot: {xyz: [2, 0, 0]}, max_speed_m_s: 1.0}
+risk: {mode: iso}
+links:
+  - {name: slow, kind: serial, port: /dev/ttyUSB0, robots: [a], silence_timeout_s: 0.5}
+  - {name: fast, kind: serial, port: /dev/ttyUSB1, robots: [b]}
+"""
+
+
+def test_each_controller_has_the_age_limit_of_its_own_robot(tmp_path, capsys):
+    path = tmp_path / "two.yaml"
+    path.write_text(TWO, encoding="utf-8")
+    found = examine(configuration.load(path))
+    slow_s, fast_s = (found["refuse_advice_older_than_s"][link] for link in ("slow", "fast"))
+    assert slow_s - fast_s == pytest.approx(0.44)
+    assert found["until_stopped_s"]["a"] - found["until_stopped_s"]["b"] == pytest.approx(0.44)
+    needs = found["risk"]["robots"]["b"]
+    assert needs["s_h"] == pytest.approx(1.6 * found["until_stopped_s"]["b"])
+    check(config=path)
+    said = capsys.readouterr().out
+    assert f"controller on link fast: reject advice older than │ {fast_s * 1e3:.0f} ms" in said

@@ -84,11 +84,28 @@ def test_a_joint_without_marker_is_not_seen():
     assert np.isfinite(np.delete(person.positions, 5, axis=0)).all()
 
 
-def test_deleted_markers_and_lines_are_not_joints():
-    gone = MAKER.marker(105, np.zeros(3), action=2)
+def test_deleted_markers_lines_and_texts_are_not_joints():
+    gone = MAKER.marker(105, np.zeros(3), action=2, kind=7)
     line = MAKER.marker(99_999, np.zeros(3), kind=5)
-    found = of_marker_array(MAKER.marker_array([gone, line]), names(32))
+    text = MAKER.marker(99_998, np.zeros(3), kind=9)
+    joint = MAKER.marker(103, np.ones(3))
+    (person,) = of_marker_array(MAKER.marker_array([gone, line, text, joint]), names(32)).people
+    assert (person.id, np.isfinite(person.positions).all(axis=1).sum()) == (1, 1)
+    found = of_marker_array(MAKER.marker_array([gone]), names(32))
     assert (found.stamp_ns, found.people) == (None, ())
+
+
+@pytest.mark.parametrize("kind", range(4, 12))
+def test_people_drawn_without_a_marker_for_each_joint_are_not_an_empty_room(kind):
+    with pytest.raises(MessageError, match=f"type {kind}.*a sphere .type 2. for each joint"):
+        of_marker_array(MAKER.marker_array([MAKER.marker(7, np.zeros(3), kind=kind)]), names(32))
+
+
+@pytest.mark.parametrize("kind", [6, 7, 8, 10, 11])
+def test_nor_do_they_vanish_beside_others(kind):
+    mixed = [MAKER.marker(1, np.zeros(3)), MAKER.marker(200, np.zeros(3), kind=kind)]
+    with pytest.raises(MessageError, match=f"type {kind}"):
+        of_marker_array(MAKER.marker_array(mixed), names(32))
 
 
 @pytest.mark.parametrize("number", [132, 199, -5, 100 * 65_536])

@@ -56,6 +56,8 @@ REACH = "limits: {reach: {trunk: {speed_m_s: 5, burst_m_s: 1}, arm: {speed_m_s: 
          "links.plc.delay_s: 0.0001 (default 0.005)"),
         (("0.05, delay_s: 0.01", "0.05, delay_s: 0.1"),
          "robots.0.motion.delay_s: 0.01 (default 0.1): a RobotState counts as 0.09 s fresher"),
+        (("0.05, delay_s: 0.01", "0.05, delay_s: 0.1, robots: []"),  # all of them
+         "robots.0.motion.delay_s: 0.01 (default 0.1): a RobotState counts as 0.09 s fresher"),
         (("kind: state, ", "kind: state, stale_s: 1, "),
          "robots.0.motion.stale_s: 1 (default 0.1)"),
         (("model: ur5e", "model: ur5e\n    payload_kg: 2"), "robots.0.payload_kg: 2 (default 5): "
