@@ -17,17 +17,19 @@ from hri_predict.risk.types import NamedZoneState
 from hri_predict.zones.body_zones import BodyZones
 
 FLOOR_M = 0.05
-"""Minimum height of people; a view down to this height includes the floor."""
+"""Minimum height of people above the floor; a view down to this height includes the floor."""
 TOUCH_M = 1e-9
 """Smaller distances are treated as contact; intersections are not exact to the last bit."""
 TOP_M = 2.5
-"""Maximum height that people reach (a tall man's grip is at 2.2 m); a view up to here sees all."""
+"""Maximum height above the floor that people reach (a tall man's grip is at 2.2 m); a view up to
+here sees all."""
 
 
 class NamedZoneSettings(Region):
     """A named zone (an entry of ``zones:``) and its requests to robots.
 
-    ``occupied`` regards the bodies as captured, widened by ``person_uncertainty_m``. A predicted
+    ``occupied`` regards the bodies as captured, widened by ``person_uncertainty_m``, and, if the
+    newest scenes lack somebody, by how far people can have come since then. A predicted
     entry carries no guarantee: it uses the forecast body, enclosed over each step but not enlarged.
     With ``entry: zone`` it uses the zones, which contain every possible position of the body.
     Without a forecast (it failed, or the person is lost) both use the zones.
@@ -87,10 +89,19 @@ class _Outline:
 
 
 class NamedZone:
-    """A named zone and the check for people in it."""
+    """A named zone and the check for people in it.
 
-    def __init__(self, settings: NamedZoneSettings, person_uncertainty_m: float) -> None:
+    Args:
+        settings: see ``NamedZoneSettings``.
+        person_uncertainty_m: uncertainty of a body's position, metres.
+        stale_s: age of a capture from which on people may have moved on unseen.
+    """
+
+    def __init__(
+        self, settings: NamedZoneSettings, person_uncertainty_m: float, *, stale_s: float
+    ) -> None:
         self.settings = settings
+        self._stale_s = stale_s
         self._outline = _Outline(settings)
         self._margin = person_uncertainty_m
 
@@ -113,7 +124,11 @@ class NamedZone:
     def state(self, bodies: BodyZones) -> NamedZoneState:
         """Return whether a person is inside now, and when one may first enter."""
         zones = bodies.zones.capsules
-        if self.occupied(zones[:, 0]).any():
+        now = zones[:, 0]
+        late_s = max(bodies.age_s - self._stale_s, 0.0)
+        fastest_m_s = max(WALK_SPEED_M_S, float(bodies.speeds.fastest_m_s.max(initial=0.0)))
+        now = Capsules(now.a, now.b, now.radius + late_s * fastest_m_s)
+        if self.occupied(now).any():
             return NamedZoneState(self.settings.name, True, 0.0)
         bodies_then = zones if self.settings.entry == "zone" else bodies.paths
         entered = np.flatnonzero(self.occupied(bodies_then)[:, 1:].any(axis=(0, 2)))
@@ -138,16 +153,17 @@ class FieldOfView:
     """Space that the sensor sees; all other space is treated as occupied.
 
     An unseen person may stand just outside the view and enter at the speeds of ISO 13855. Because
-    people stand on the floor, no person is above ``TOP_M`` or below ``FLOOR_M``.
+    people stand on the floor, no person is more than ``TOP_M`` or less than ``FLOOR_M`` above it.
     """
 
     region: Region
+    floor_m: float
     _outline: _Outline
 
     @classmethod
-    def of(cls, region: Region) -> "FieldOfView":
-        """The field of view that ``region`` describes."""
-        return cls(region, _Outline(region))
+    def of(cls, region: Region, floor_m: float) -> "FieldOfView":
+        """The field of view that ``region`` describes; the floor is at z = ``floor_m``."""
+        return cls(region, floor_m, _Outline(region))
 
     def distance_outside(self, capsules: Capsules) -> Floats:
         """Return the distance (...,) of each capsule to unseen space; <= 0: it is inside."""
@@ -156,10 +172,10 @@ class FieldOfView:
         edge = outline.edge_distance(capsules)
         crosses = edge <= TOUCH_M
         distance = np.where(inside & ~crosses, edge, 0.0)
-        if self.region.z_max < TOP_M:
+        if self.region.z_max < self.floor_m + TOP_M:
             top = np.maximum(capsules.a[..., 2], capsules.b[..., 2])
             distance = np.minimum(distance, self.region.z_max - top)
-        if self.region.z_min > FLOOR_M:
+        if self.region.z_min > self.floor_m + FLOOR_M:
             bottom = np.minimum(capsules.a[..., 2], capsules.b[..., 2])
             distance = np.minimum(distance, bottom - self.region.z_min)
         return distance - capsules.radius

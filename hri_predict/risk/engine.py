@@ -121,7 +121,10 @@ class RiskEngine:
         check_sets(settings.sets, named_zones, min_speed_m_s=least, max_speeds_m_s=speeds)
         for key, door in (doors or {}).items():
             _check_door(key, door, constants)
-        named = [NamedZone(zone, settings.person_uncertainty_m) for zone in named_zones]
+        named = [
+            NamedZone(zone, settings.person_uncertainty_m, stale_s=budget.stale_s)
+            for zone in named_zones
+        ]
         longest_s = max((robot.longest_s for robot in constants), default=0.0)
         steps = max(horizon_steps, math.ceil(longest_s * forecast_rate_hz - 1e-9))
         self._joints = len(skeleton.joints)
@@ -146,7 +149,7 @@ class RiskEngine:
             settings=settings,
             robots=constants,
             named=named,
-            view=None if field_of_view is None else FieldOfView.of(field_of_view),
+            view=None if field_of_view is None else FieldOfView.of(field_of_view, floor_m),
             times_s=self._builder.times_s,
             horizon_s=horizon_s,
             contact=contact_judges(
@@ -232,7 +235,8 @@ class RiskEngine:
             obedience.warn(model.name)
             if obedience.stretch > model.stretch:
                 model.stretch = obedience.stretch * STRETCH_STEP
-                self._separation.revise(robot)
+                self._constants[robot] = self._constants[robot].revised()
+                self._separation.revised(robot)
         return robots
 
     def separation(self, bodies: BodyZones, robots: Sequence[RobotNow]) -> Findings:

@@ -94,11 +94,12 @@ class RobotConstants:
         return self if tool is None else self.tools[tool]
 
     def revised(self) -> Self:
-        """Return a copy with the models' present stopping curves."""
+        """Return a copy with the models' present stopping curves.
+
+        A configured radius of mode ``fixed`` counts no more: it was chosen for the table.
+        """
         curve = StoppingCurve.of(self.model.stopping, self.robot.max_speed_m_s)
-        radius_m = self.fixed_radius_m
-        if self.risk.fixed_radius_m is None:
-            radius_m = max(radius_m, self.anywhere_m)
+        radius_m = max(self.fixed_radius_m, self.anywhere_m)
         tools = {number: own.revised() for number, own in self.tools.items()}
         return replace(self, curve=curve, fixed_radius_m=radius_m, tools=tools)
 

@@ -74,11 +74,13 @@ def _followed(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Bools:
 
 
 def _knots(last: Floats, follows: Bools, ahead: Ahead, rule: Rule) -> Floats:
-    """Return (N, H+1, J, 3) the forecast path from the capture on; other joints stay in place."""
-    people = len(ahead.positions)
-    knots = np.repeat(last[:, None], rule.horizon_steps + 1, axis=1)
-    moves = np.broadcast_to(follows[:people, None, :, None], ahead.positions.shape)
-    np.copyto(knots[:people, 1:], ahead.positions, where=moves)
+    """Return (N, trusted steps + 1, J, 3) the forecast path from the capture on; other joints stay
+    in place."""
+    trusted = ahead.positions[:, : rule.trusted_steps]
+    people = len(trusted)
+    knots = np.repeat(last[:, None], rule.trusted_steps + 1, axis=1)
+    moves = np.broadcast_to(follows[:people, None, :, None], trusted.shape)
+    np.copyto(knots[:people, 1:], trusted, where=moves)
     return knots
 
 

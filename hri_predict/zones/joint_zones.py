@@ -22,7 +22,8 @@ the joint is at most ``v (t + joint_age)`` from where it was last seen, where ``
 the physical speed and the joint's present speed, or the physical limit if the person's speed could
 not be measured. The zones of a lost person grow from each joint's last seen position, at the higher
 of the last measured speed and the physical speed. A limb that was faster than its body may get up
-to an arm's length ahead of it. Past the last calibrated step the zone grows at the physical speed.
+to an arm's length ahead of it. Past the last calibrated step the zone stays where
+the forecast was then, and grows at the physical speed.
 
 Zones that follow a forecast are also cut to the physical limits.
 
@@ -209,7 +210,8 @@ class JointZones:
         rest = spheres.inflation[:here] - within[:, None] + beyond
         rest = np.where(follows[:, None], rest, np.inf)
         if forecast.std is not None:  # where the deviation decides, it does in every direction
-            least = rule.std_factor * forecast.std[person, at]
+            std = np.maximum(forecast.std[person, at], forecast.std[person, np.maximum(at - 1, 0)])
+            least = rule.std_factor * std
             rest = np.where((least > 0) & (least >= spheres.claimed[person, at]), np.inf, rest)
         rest[:, 0] = np.inf
         path = spheres.path[:here]

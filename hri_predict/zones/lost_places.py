@@ -1,7 +1,8 @@
 """Zones of lost people whose possible places are limited, because other places were seen free.
 
 Each place is a disc on the floor. A person in it may stand, crouch or reach out in any direction,
-so each zone is an upright capsule around the disc, enlarged by an arm's reach.
+so each zone is an upright capsule around the disc, enlarged by an arm's reach. A person at the
+disc's edge is within it up to ``TOP_M``, and an outstretched arm up to ``TOP_M - ARM_M``.
 """
 
 import numpy as np
@@ -31,7 +32,7 @@ def anywhere_in(person: LostPerson, until_s: Floats, segments: int) -> Capsules:
     a = np.full((*radius.shape, 3), person.floor_m)
     a[..., :2] = places[:, :2]
     b = a.copy()
-    b[..., 2] += np.maximum(person.platform_m + TOP_M - radius, 0.0)
+    b[..., 2] += person.platform_m + TOP_M - ARM_M
     return Capsules(a, b, radius)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from hri_predict.base.arrays import Ints
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.protocol.messages import Advice, Level
+from hri_predict.protocol.messages import Advice, Level, OperatingMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZone, NamedZoneSettings
 from hri_predict.risk.levels.demand import Demand, combined, demand_of
@@ -167,7 +167,13 @@ class Levels:
         return self._demand(robot, findings.robots[robot], bodies, findings.named)[0].limit_m_s
 
     def _advance(
-        self, robot: int, snapshot: PeopleSnapshot, bodies: BodyZones, demand: Demand
+        self,
+        robot: int,
+        snapshot: PeopleSnapshot,
+        bodies: BodyZones,
+        demand: Demand,
+        *,
+        muted: Demand | None = None,
     ) -> Advised:
         return self._machines[robot].update(
             demand,
@@ -176,6 +182,7 @@ class Levels:
             causes_now(snapshot, bodies.untrusted),
             lost=snapshot.to_acknowledge,
             cap_m_s=self.sets.in_force.max_speed_m_s,
+            muted=muted,
         )
 
     def _advise(
@@ -195,7 +202,8 @@ class Levels:
         demand = decision.demand
         if too_fast:
             demand = demand.full_or_stop(Reason.ROBOT_TOO_FAST)
-        advised = self._advance(robot, snapshot, bodies, demand)
+        muted = natural if decision.mode is OperatingMode.MUTED else None
+        advised = self._advance(robot, snapshot, bodies, demand, muted=muted)
         reason = advised.reason
         if reason is Reason.NONE and bodies.speeds.unknown.any():
             reason = Reason.SPEED_UNKNOWN
@@ -205,10 +213,11 @@ class Levels:
             reason = (*bodies.reasons, *remarks)[0]
         reason = self._reasons[robot].update(advised.level, reason, snapshot.captures)
         who = people if people is not None and natural.reason.row.by_distance else None
+        by_zones = self._by_zones(robot, findings.named)
         detail = detail_of(
             self._robots[robot],
             bodies,
-            findings.named,
+            [name for name, by in by_zones.items() if by.reason is demand.reason],
             demand=demand,
             advised=advised,
             reason=reason,
@@ -264,12 +273,19 @@ class Levels:
             return Demand.unknown(Reason.SET_UNKNOWN), people
         if found.unknown:
             return demand, people
-        by_zones = [
-            zone_demand(zone.settings, state, constants.name, constants.max_speed_m_s)
+        by_zones = self._by_zones(robot, named).values()
+        return combined([demand, *by_zones], constants.max_speed_m_s), people
+
+    def _by_zones(self, robot: int, named: Sequence[NamedZoneState]) -> dict[str, Demand]:
+        """Return the demands of named zones on a robot, by zone; zones that ask nothing have
+        none."""
+        constants = self._robots[robot]
+        demands = {
+            state.name: zone_demand(zone.settings, state, constants.name, constants.max_speed_m_s)
             for zone, state in zip(self._named, named, strict=True)
             if self.sets.in_force.asks(state.name)
-        ]
-        return combined([demand, *by_zones], constants.max_speed_m_s), people
+        }
+        return {name: demand for name, demand in demands.items() if demand.reason}
 
     def _breach_s(self, people: Finding | None) -> float | None:
         if people is None or people.breach_s > self._horizon_s:

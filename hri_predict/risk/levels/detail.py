@@ -13,7 +13,6 @@ from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import RobotFindings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.terms import Finding
-from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.wording import NOTE, STANDS_M_S, off_text
 from hri_predict.robots.model import StateMotion
 from hri_predict.zones.body_zones import BodyZones
@@ -25,7 +24,7 @@ _TOO_NEAR_TO_START = "too close for the standing robot to start"
 def detail_of(
     robot: RobotConstants,
     bodies: BodyZones,
-    named: Sequence[NamedZoneState],
+    zones: Sequence[str],
     *,
     demand: Demand,
     advised: Advised,
@@ -33,7 +32,10 @@ def detail_of(
     who: Finding | None,
     found: RobotFindings,
 ) -> str:
-    """Return the problem and its remedy as text; at *clear*, notes only."""
+    """Return the problem and its remedy as text; at *clear*, notes only.
+
+    ``zones``: the named zones whose request is the demand's reason.
+    """
     if reason is Reason.NONE:
         return ""
     ids, speeds = bodies.zones.ids, bodies.speeds
@@ -58,10 +60,8 @@ def detail_of(
     parts += [
         f"speed of person {ids[i]} unknown" for i in compress(count(), speeds.unknown.tolist())
     ]
-    if demand.reason in (Reason.ZONE_OCCUPIED, Reason.ZONE_ENTRY_PREDICTED):
-        inside = demand.reason is Reason.ZONE_OCCUPIED
-        names = [z.name for z in named if z.occupied == inside and z.entry_s is not None]
-        parts.append("zone " + ", ".join(names))
+    if zones:
+        parts.append("zone " + ", ".join(zones))
     if robot.tools and found.tool is None:
         parts.append("no tool is confirmed: the worst case over all tools is used")
     return "; ".join(parts if is_clear else [*parts, f"clears when {clears_when}"])

@@ -170,6 +170,7 @@ class LevelMachine:
         *,
         lost: int = 0,
         cap_m_s: float = math.inf,
+        muted: Demand | None = None,
     ) -> Advised:
         """Advance by one tick.
 
@@ -180,6 +181,7 @@ class LevelMachine:
             causes: present causes of a latch, other than a stop.
             lost: as ``PeopleSnapshot.to_acknowledge``.
             cap_m_s: additional speed limit, which does not change the level by itself.
+            muted: the demand that muting replaced: muting does not clear the cause of a latch.
         """
         self._max_speed = min(self._robot_m_s, cap_m_s)
         seconds = 0.0 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9
@@ -187,7 +189,8 @@ class LevelMachine:
         for cause in causes:
             self.latch(cause)
         lasting = any(cause in self._causes for cause in causes)
-        before, self._cause_cleared = self._cause_cleared, self._allows(demand) and not lasting
+        cleared = self._allows(demand) and (muted is None or self._allows(muted))
+        before, self._cause_cleared = self._cause_cleared, cleared and not lasting
         if not before:
             self._cleared_ns = now_ns
         again = self._first_sight.update(demand, self._level, self._limit, captures)

@@ -102,7 +102,8 @@ class Separation:
 
     Args:
         settings: see ``RiskSettings``.
-        robots: R of them.
+        robots: R of them; their owner replaces one that was measured to stop late, see
+            ``revised``.
         named: the user's zones.
         view: space that the sensor sees; ``None``: everything.
         times_s: (K+1,) the zones' times, see ``Zones``.
@@ -123,7 +124,7 @@ class Separation:
     ) -> None:
         self._settings = settings
         self._contact = contact or {}
-        self._robots = list(robots)
+        self._robots = robots
         self._named = named
         self._view = view
         self._times_s = times_s
@@ -134,10 +135,9 @@ class Separation:
         """Compile the numba kernels before the first tick."""
         warm_up(self._robots, self._times_s)
 
-    def revise(self, robot: int) -> None:
-        """Update a robot's stopping curve from its model, after it was measured to stop late."""
-        revised = self._robots[robot].revised()
-        self._robots[robot] = revised
+    def revised(self, robot: int) -> None:
+        """Take in the replaced constants of a robot, after it was measured to stop late."""
+        revised = self._robots[robot]
         if robot in self._contact:
             self._contact[robot].revise(revised)
         self._farthest_m[robot] = _farthest(revised, self._times_s)

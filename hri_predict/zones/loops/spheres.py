@@ -101,7 +101,7 @@ def spheres_by_loops(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Sphere
     radius, inflation = np.empty((count, entries, joints)), np.empty((count, entries, joints))
     last, joint_age = np.zeros((count, joints, 3)), np.empty((count, joints))
     follows = np.zeros((count, joints), np.bool_)
-    until, knots = np.empty(entries), np.empty((rule.horizon_steps + 1, 3))
+    until, knots = np.empty(entries), np.empty((rule.trusted_steps + 1, 3))
     off, bone = np.empty((entries, joints)), np.empty(joints)
     _clean(bodies, last, joint_age)
     if ahead.given:
@@ -120,7 +120,7 @@ def spheres_by_loops(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Sphere
             if follows[n, j]:
                 for i in range(3):
                     knots[0, i] = last[n, j, i]
-                    for h in range(rule.horizon_steps):
+                    for h in range(rule.trusted_steps):
                         knots[h + 1, i] = ahead.positions[n, h, j, i]
                 _enclose(knots, until, rule.rate_hz, (path[n, :, j], inflation[n, :, j]))
                 within = bodies.inferred[n, j] if ahead.judged else 0.0

@@ -21,7 +21,7 @@ points = st.tuples(st.floats(-2, 5), st.floats(-2, 5), st.floats(-1, 4)).map(np.
 
 def zone(**changes) -> NamedZone:
     data = {"name": "door", "polygon": ELL, "z_min": 0.0, "z_max": 2.0, **changes}
-    return NamedZone(NamedZoneSettings.model_validate(data), 0.0)
+    return NamedZone(NamedZoneSettings.model_validate(data), 0.0, stale_s=0.1)
 
 
 def one(a: Floats, b: Floats, radius: float) -> Capsules:
@@ -95,8 +95,8 @@ def test_nobody_occupies_nothing():
 # -- field of view ---------------------------------------------------------------------------------
 
 
-def view(**changes) -> FieldOfView:
-    return FieldOfView.of(Region.model_validate({"polygon": ELL, **changes}))
+def view(floor_m: float = 0.0, **changes) -> FieldOfView:
+    return FieldOfView.of(Region.model_validate({"polygon": ELL, **changes}), floor_m)
 
 
 @given(points, points, st.floats(0, 0.3), st.integers(0, 2**32 - 1))
@@ -125,6 +125,11 @@ def test_what_is_not_seen_is_never_nearer_than_said(a, b, radius, seed):
         ({"z_max": 3.0}, (0.5, 0.5, 2.9), (0.5, 0.5, 2.9), 0.4),  # nobody is up there
         ({"z_max": 2.0}, (0.5, 0.5, 1.9), (0.5, 0.5, 1.5), 0.0),
         ({"z_min": 1.0}, (0.5, 0.5, 1.2), (0.5, 0.5, 1.5), 0.1),
+        # heights are above the floor, wherever the room's origin is
+        ({"z_min": 0.0, "floor_m": -0.8}, (0.5, 0.5, 0.2), (0.5, 0.5, 0.5), 0.1),
+        ({"z_min": -0.8, "floor_m": -0.8}, (0.5, 0.5, 0.2), (0.5, 0.5, 0.5), 0.4),
+        ({"z_max": 3.0, "floor_m": 1.0}, (0.5, 0.5, 2.9), (0.5, 0.5, 2.9), 0.0),
+        ({"z_max": 3.5, "floor_m": 1.0}, (0.5, 0.5, 2.9), (0.5, 0.5, 2.9), 0.4),
     ],
 )
 def test_distance_to_what_is_not_seen(changes, a, b, expected):

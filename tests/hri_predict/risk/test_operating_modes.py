@@ -131,8 +131,28 @@ def test_a_latched_stop_stays_latched_in_every_mode() -> None:
     for asked in (TEACH, MUTE):
         advice = one.settle(NEAR_M, ticks=TICKS, **asked)
         assert (advice.level, advice.reason) == (Level.STOP, Reason.LATCHED)
-    assert one.engine.acknowledge(advice.latch_id)
+
+
+def test_people_who_are_muted_are_still_the_cause_of_a_latch() -> None:
+    latching = QUICK.model_copy(update={"latch": ["stop"]})
+    one = Cell(latching, robot=robot(teach={}, muting={"max_s": 60}))
+    one.turn = 0.0
+    one.settle(NEAR_M, ticks=TICKS)
+    near = one.settle(NEAR_M, ticks=TICKS, **MUTE)
+    assert (near.mode, near.latch_id) == (OperatingMode.MUTED, 0)
+    away = one.settle(6.0, ticks=TICKS, **MUTE)
+    assert one.engine.acknowledge(away.latch_id)
     assert one.settle(NEAR_M, ticks=TICKS, **MUTE).level is Level.WARN
+
+
+def test_a_robot_is_taught_beside_people_so_they_are_no_cause_of_a_latch_then() -> None:
+    latching = QUICK.model_copy(update={"latch": ["stop"]})
+    one = Cell(latching, robot=robot(teach={}))
+    one.turn = 0.0
+    one.settle(NEAR_M, ticks=TICKS)
+    advice = one.settle(NEAR_M, ticks=TICKS, **TEACH)
+    assert one.engine.acknowledge(advice.latch_id)
+    assert one.settle(NEAR_M, ticks=TICKS, **TEACH).level is Level.SLOW
 
 
 def test_a_tick_that_fails_ends_the_mode() -> None:

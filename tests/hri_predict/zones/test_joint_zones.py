@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.zones import joint_zones
 from hri_predict.zones.human_speed import velocities_in
+from hri_predict.zones.joint_zone_arrays import spheres_by_arrays
 from hri_predict.zones.joint_zones import SETTLED_STEPS, JointZones
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.reach import BONE_FACTOR, BONE_MARGIN_M
@@ -170,6 +172,20 @@ def test_where_the_deviation_decides_no_direction_is_nearer(calibration):
     assert np.isinf(found.rest[0, 6:, HAND]).all()
     assert np.isfinite(found.rest[0, 1:6, HAND]).all()
     assert np.isfinite(found.rest[0, 1:, WAIST]).all()
+
+
+def test_a_deviation_that_falls_again_counts_for_both_ends_of_an_interval(calibration):
+    own = replace(calibration, toward=np.full((3, 3, STEPS, BINS), 0.4))
+    snapshot, builder = seen(), zones(own)
+    std = np.full((1, STEPS, COUNT), 1e-3)
+    std[0, 5, HAND] = 1.0
+    forecast = Forecast(staying(snapshot).positions, std)
+    stage = {"trust": trusted(), "velocities": velocities_in(snapshot, RATE_HZ)}
+    spheres = builder.build(snapshot, forecast, capture_ns=NOW_NS, **stage)
+    found = builder.toward(snapshot, forecast, spheres=spheres, **stage)
+    assert found is not None
+    assert np.isinf(found.rest[0, 6:8, HAND]).all()
+    assert np.isfinite(found.rest[0, 8:, HAND]).all()
 
 
 def test_past_errors_reach_the_scale_of_each_joint(make_calibration):
@@ -340,6 +356,25 @@ def test_past_the_calibrated_steps_zones_grow_at_the_physical_speed(make_calibra
     assert spheres.radius[0, 1:11] == pytest.approx(own)
     over = np.arange(1, STEPS - 9)[:, None] / RATE_HZ
     assert spheres.radius[0, 11:] == pytest.approx(own[-1] + 2.0 * over)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_past_the_calibrated_steps_zones_do_not_follow_the_forecast(
+    make_calibration, monkeypatch, compiled
+):
+    if not compiled:
+        monkeypatch.setattr(joint_zones, "_spheres", spheres_by_arrays)
+    snapshot = seen()
+    spheres = built(
+        make_calibration(steps=10), snapshot, trusted(), staying(snapshot, (3.0, 0.0, 0.0))
+    )
+    last = snapshot.last_positions[0] + (3.0 * 10 / RATE_HZ, 0.0, 0.0)
+    assert spheres.mid[0, 11:] == pytest.approx(np.broadcast_to(last, spheres.mid[0, 11:].shape))
+    # a body that was where it was forecast, and then turned round, is held
+    for k in range(11, STEPS + 1):
+        back = last - (2.0 * (k - 10) / RATE_HZ, 0.0, 0.0)
+        apart = np.linalg.norm(back - spheres.mid[0, k], axis=-1)
+        assert (apart <= spheres.radius[0, k] + 1e-9).all()
 
 
 # -- the cut, and the lost ------------------------------------------------------------------------
