@@ -99,6 +99,11 @@ class AveragePredictor:
                     f"predictor average: {name} works on skeleton '{member.skeleton.name}', not "
                     f"on '{skeleton.name}'; take it out of predictor.members"
                 )
+            if member.rate_hz != settings.rate_hz:
+                raise ConfigError(
+                    f"predictor average: {name} predicts at {member.rate_hz:g} Hz, not at "
+                    f"{settings.rate_hz:g}; take it out of predictor.members"
+                )
         self.skeleton = skeleton
         self.rate_hz = settings.rate_hz
         self.history_steps = max(member.history_steps for member in self.members)

@@ -29,7 +29,7 @@ class NamedZoneSettings(Region):
     """A named zone (an entry of ``zones:``) and its requests to robots.
 
     ``occupied`` regards the bodies as captured, widened by ``person_uncertainty_m``, and, if the
-    newest scenes lack somebody, by how far people can have come since then. A predicted
+    newest scenes lack a person, by how far people can have come since then. A predicted
     entry carries no guarantee: it uses the forecast body, enclosed over each step but not enlarged.
     With ``entry: zone`` it uses the zones, which contain every possible position of the body.
     Without a forecast (it failed, or the person is lost) both use the zones.

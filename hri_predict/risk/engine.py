@@ -121,10 +121,8 @@ class RiskEngine:
         check_sets(settings.sets, named_zones, min_speed_m_s=least, max_speeds_m_s=speeds)
         for key, door in (doors or {}).items():
             _check_door(key, door, constants)
-        named = [
-            NamedZone(zone, settings.person_uncertainty_m, stale_s=budget.stale_s)
-            for zone in named_zones
-        ]
+        zone = partial(NamedZone, stale_s=budget.stale_s)
+        named = [zone(each, settings.person_uncertainty_m) for each in named_zones]
         longest_s = max((robot.longest_s for robot in constants), default=0.0)
         steps = max(horizon_steps, math.ceil(longest_s * forecast_rate_hz - 1e-9))
         self._joints = len(skeleton.joints)

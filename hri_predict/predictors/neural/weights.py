@@ -38,7 +38,7 @@ _REMEDY = "train it again, or give another file"
 class StoredShape(Settings):
     """Size of the task of a file's network; see ``network.Shape``."""
 
-    skeleton: str
+    skeleton: str = Field(max_length=100)
     joints: list[str] = Field(min_length=1, max_length=256)
     parents: list[int]
     left_right_pairs: list[tuple[int, int]]
@@ -53,7 +53,7 @@ class Header(Settings):
     """The header of a weights file."""
 
     version: Literal[1] = 1
-    method: str
+    method: str = Field(max_length=100)
     shape: StoredShape
     options: dict[str, Any]
     card: dict[str, Any]
@@ -159,6 +159,8 @@ def load_weights(path: Path, horizon_steps: int | None = None) -> LoadedWeights:
             planned = network_class(shape, options)
         tensors = _tensors(path, planned)
         network = network_class(shape, options)
+    except ConfigError as error:  # of options within options
+        raise ConfigError(f"weights {path}: {error}") from error
     except (ValueError, TypeError, RuntimeError, ArithmeticError, LookupError) as error:
         why = f"no {header.method} can be built from its header ({line_of(error)})"
         raise _broken(path, why) from error

@@ -285,11 +285,11 @@ class Worker:
         owed = self._asked - self._windows.given
         if owed > 1:
             wait_s = 0.0
+        until = time.perf_counter() + wait_s
+        self._windows.post(self._asked + 1, history, observed)  # fails for more people than planned
+        self._asked += 1
         if owed == 0 or self._owed_since is None:
             self._owed_since = time.perf_counter()
-        until = time.perf_counter() + wait_s
-        self._asked += 1
-        self._windows.post(self._asked, history, observed)
         try:
             with contextlib.suppress(BlockingIOError):  # it has bytes enough that wake it
                 self._link.send(ASKED)

@@ -201,6 +201,9 @@ class ProcessRunner:
             return PredictorError(f"its process exited with {_said(status)}")
         except HriPredictError as error:
             return error
+        except Exception as error:  # without an end of this life nobody would know of it
+            log.exception("predictor: the supervision of its process failed")
+            return PredictorError(f"its process could not be supervised: {error!r}")
         finally:
             self._worker = None
             worker.kill()

@@ -106,7 +106,12 @@ def _answer(windows: Any, number: int, predictor: Any, window: tuple[Any, Any]) 
         windows.refuse(number, f"{kind}{error}")
 
 
+_LONGEST_TEXT = 4000  # letters; a message to the node has room for eight times as many bytes
+
+
 def _tell(link: socket.socket, what: dict[str, Any]) -> None:
+    if "error" in what:  # it may quote a file
+        what = {"error": what["error"][:_LONGEST_TEXT]}
     link.send(json.dumps(what).encode())
 
 

@@ -9,7 +9,7 @@ id is the index in the message. Orientations are not used.
 with the marker id 100 times the body's number plus the joint's number
 (github.com/microsoft/Azure_Kinect_ROS_Driver, ``k4a_ros_device.cpp``). Lines and texts beside them
 are not joints; deleted markers are ignored. A message that draws something, but no joint, is
-refused: it may show people in another way, so it does not mean that nobody is there.
+refused: it may show people in another way, so the room may not be empty.
 """
 
 from collections.abc import Sequence

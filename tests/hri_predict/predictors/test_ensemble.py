@@ -9,6 +9,7 @@ import pytest
 from hri_predict.base.errors import ConfigError, PredictorError
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import Forecast
+from hri_predict.predictors import ensemble
 from hri_predict.predictors.ensemble import AveragePredictor, AverageSettings
 from hri_predict.predictors.kalman import ConstantAccelerationKalman
 from hri_predict.predictors.neural.settings import shipped_weights
@@ -125,3 +126,17 @@ def test_mistakes_are_one_line(members, said):
         alone("average", members=members)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_member_at_another_rate_is_refused(monkeypatch):
+    made = ensemble._member
+
+    def another(settings, skeleton):
+        member = made(settings, skeleton)
+        if settings.name == "kalman":
+            member.rate_hz = 50.0
+        return member
+
+    monkeypatch.setattr(ensemble, "_member", another)
+    with pytest.raises(ConfigError, match="kalman predicts at 50 Hz, not at 25; take it out"):
+        average("zero_velocity", "kalman")

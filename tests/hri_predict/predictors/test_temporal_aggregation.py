@@ -1,10 +1,13 @@
 """Short predictions chained to long ones, around any network."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from hri_predict.base.errors import ConfigError
@@ -226,6 +229,17 @@ def test_takes_weights_trained_through_the_aggregation(tmp_path, random_network)
     assert (made.horizon_steps, made.network.options.steps) == (50, 3)
     with pytest.raises(ConfigError, match=r"predictor\.steps 5: .* were trained with 3; leave"):
         predictor(path, steps=5)
+
+
+def test_wrong_options_of_the_inner_network_are_refused_with_the_file(tmp_path, random_network):
+    path = tmp_path / "whole.safetensors"
+    save_weights(path, "aggregated", random_network(Aggregated, 10, steps=3), {})
+    with safe_open(path, framework="pt") as file:
+        described = json.loads(file.metadata()["hri_predict"])
+    described["options"]["options"] = {"layers": "x"}
+    save_file(load_file(path), path, {"hri_predict": json.dumps(described)})
+    with pytest.raises(ConfigError, match=rf"weights {path}: options\.options: layers: unknown"):
+        load_weights(path)
 
 
 @pytest.mark.parametrize(

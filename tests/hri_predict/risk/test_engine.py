@@ -18,7 +18,6 @@ from hri_predict.protocol.reason_row import Kind
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.separation.stage import RobotFindings
-from hri_predict.risk.sets import SetSettings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
 from tests.hri_predict.lost_person import lost_person
@@ -268,56 +267,6 @@ def test_a_named_zone():
     assert cell.assessment.named_zones[0].occupied  # who knows
     with pytest.raises(ConfigError, match="did you mean 'arm'"):
         Cell(zones=(door.model_copy(update={"robots": ["amr"]}),))
-
-
-def test_a_zone_is_occupied_by_who_may_have_come_since_the_newest_scenes_lack_them():
-    stop = NamedZoneSettings(name="press", polygon=[[4, -2], [6, -2], [6, 2], [4, 2]], level="stop")
-    cell = Cell(SETTINGS.model_copy(update={"mode": "iso"}), zones=(stop,))
-    assert cell.settle(6.6).level is Level.CLEAR
-    late = np.array([cell.now_ns + TICK_NS - 450_000_000])  # 0.33 s beyond stale: 0.53 m
-    advice = cell.step(6.6, capture_ns=late)
-    assert (advice.level, advice.reason) == (Level.STOP, Reason.ZONE_OCCUPIED)
-    assert cell.assessment.named_zones[0].occupied
-
-
-def test_the_detail_names_only_zones_that_ask():
-    def zone(name, level, robots=None):
-        corners = [[5, -2], [7, -2], [7, 2], [5, 2]]
-        return NamedZoneSettings(name=name, polygon=corners, level=level, robots=robots)
-
-    chosen = SETTINGS.model_copy(
-        update={"mode": "iso", "sets": [SetSettings(number=1, name="day", zones=["lane", "press"])]}
-    )
-    zones = (zone("counter", "none"), zone("night", "stop"), zone("lane", "slow"))
-    cell = Cell(chosen, zones=(*zones, zone("press", "none")))
-    for _ in range(40):
-        cell.engine.choose_set("plc", 1, cell.now_ns + TICK_NS)
-        advice = cell.step(6.0)
-    assert (advice.level, advice.reason) == (Level.SLOW, Reason.ZONE_OCCUPIED)
-    assert "zone lane;" in advice.detail
-    assert not any(name in advice.detail for name in ("counter", "night", "press"))
-
-
-@pytest.mark.parametrize("radius_m", [None, 2.0])
-def test_a_robot_that_stops_late_widens_its_circle_however_it_was_chosen(radius_m):
-    fixed = SETTINGS.model_copy(update={"mode": "fixed", "fixed_radius_m": radius_m})
-    cell = Cell(fixed)
-    cell.turn = 0.0
-    at_m = cell.engine._constants[0].fixed_radius_m + 0.35
-    before = cell.settle(at_m)
-    assert before.level is not Level.STOP
-    cell.tracker.model.stretch = 4.0  # as if measured
-    try:
-        cell.engine._constants[0] = cell.engine._constants[0].revised()
-        cell.engine._separation.revised(0)
-        after = cell.settle(at_m)
-        needed_m = cell.engine._constants[0].anywhere_m
-    finally:
-        cell.tracker.model.stretch = 1.0
-    assert after.level is Level.STOP
-    assert cell.engine._constants[0].fixed_radius_m == needed_m > at_m
-    away = re.compile(r"[\d.]+ m from the base's axis")  # the person did not move
-    assert away.search(after.detail)[0] == away.search(before.detail)[0]
 
 
 @MODES

@@ -158,34 +158,24 @@ def test_no_radius_is_smaller_than_twice_the_stated_deviation(calibration):
     assert spheres.radius[0, 6:] == pytest.approx(2.0)
 
 
-def test_where_the_deviation_decides_no_direction_is_nearer(calibration):
+@pytest.mark.parametrize(
+    ("steps", "decides"), [(slice(5, None), slice(6, None)), (slice(5, 6), slice(6, 8))]
+)
+def test_where_the_deviation_decides_no_direction_is_nearer(calibration, steps, decides):
     shares = np.full((3, 3, STEPS, BINS), 0.4)
     own = replace(calibration, toward=shares)
     snapshot, builder = seen(), zones(own)
     std = np.full((1, STEPS, COUNT), 1e-3)
-    std[0, 5:, HAND] = 1.0
+    std[0, steps, HAND] = 1.0
     forecast = Forecast(staying(snapshot).positions, std)
     stage = {"trust": trusted(), "velocities": velocities_in(snapshot, RATE_HZ)}
     spheres = builder.build(snapshot, forecast, capture_ns=NOW_NS, **stage)
     found = builder.toward(snapshot, forecast, spheres=spheres, **stage)
     assert found is not None
-    assert np.isinf(found.rest[0, 6:, HAND]).all()
-    assert np.isfinite(found.rest[0, 1:6, HAND]).all()
+    at = np.arange(STEPS + 1)[decides]  # both ends of an interval count
+    assert np.isinf(found.rest[0, at, HAND]).all()
+    assert np.isfinite(np.delete(found.rest[0, :, HAND], [0, *at])).all()
     assert np.isfinite(found.rest[0, 1:, WAIST]).all()
-
-
-def test_a_deviation_that_falls_again_counts_for_both_ends_of_an_interval(calibration):
-    own = replace(calibration, toward=np.full((3, 3, STEPS, BINS), 0.4))
-    snapshot, builder = seen(), zones(own)
-    std = np.full((1, STEPS, COUNT), 1e-3)
-    std[0, 5, HAND] = 1.0
-    forecast = Forecast(staying(snapshot).positions, std)
-    stage = {"trust": trusted(), "velocities": velocities_in(snapshot, RATE_HZ)}
-    spheres = builder.build(snapshot, forecast, capture_ns=NOW_NS, **stage)
-    found = builder.toward(snapshot, forecast, spheres=spheres, **stage)
-    assert found is not None
-    assert np.isinf(found.rest[0, 6:8, HAND]).all()
-    assert np.isfinite(found.rest[0, 8:, HAND]).all()
 
 
 def test_past_errors_reach_the_scale_of_each_joint(make_calibration):
@@ -364,12 +354,9 @@ def test_past_the_calibrated_steps_zones_do_not_follow_the_forecast(
 ):
     if not compiled:
         monkeypatch.setattr(joint_zones, "_spheres", spheres_by_arrays)
-    snapshot = seen()
-    spheres = built(
-        make_calibration(steps=10), snapshot, trusted(), staying(snapshot, (3.0, 0.0, 0.0))
-    )
+    snapshot, short = seen(), make_calibration(steps=10)
+    spheres = built(short, snapshot, trusted(), staying(snapshot, (3.0, 0.0, 0.0)))
     last = snapshot.last_positions[0] + (3.0 * 10 / RATE_HZ, 0.0, 0.0)
-    assert spheres.mid[0, 11:] == pytest.approx(np.broadcast_to(last, spheres.mid[0, 11:].shape))
     # a body that was where it was forecast, and then turned round, is held
     for k in range(11, STEPS + 1):
         back = last - (2.0 * (k - 10) / RATE_HZ, 0.0, 0.0)

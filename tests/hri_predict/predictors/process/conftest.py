@@ -38,6 +38,8 @@ class Odd:
         self.settings = settings
         if settings.does == "no start":
             raise ValueError("there is no sky")
+        if settings.does == "no start, at length":
+            raise ValueError("there is no sky " * 20_000)
         if settings.does == "no process":
             os._exit(7)
         if settings.once and os.path.exists(settings.once):  # it is not the first to start

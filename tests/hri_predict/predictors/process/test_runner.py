@@ -194,8 +194,23 @@ def test_a_new_worker_that_works_slowly_may_take_its_time(started, tmp_path, mon
 
 def test_more_people_than_there_can_be_are_a_failure_not_a_crash(started):
     runner = started(people=2)
+    worker = pid_of(runner)
     assert runner.run(snapshot(3)) == (None, Reason.PREDICTOR_FAILED)
+    time.sleep(1.2 * runner._hang_s)  # nothing is owed for a window that was not sent
     assert runner.run(snapshot(2))[1] is None
+    assert (pid_of(runner), runner.restarts) == (worker, 0)
+
+
+def test_a_supervisor_that_fails_says_so_instead_of_waiting_for_ever(odd, monkeypatch, caplog):
+    def fails(*_):
+        raise ZeroDivisionError("injected")
+
+    monkeypatch.setattr(module.Worker, "begin", fails)
+    runner = ProcessRunner(Job(settings=settings_of(), people=1), 0.1)
+    with pytest.raises(HriPredictError, match=r"could not be supervised.*injected"):
+        runner.wait_until_ready()
+    runner.stop()
+    assert runner._started is None
 
 
 def test_what_the_predictor_logs_and_prints_does_not_get_lost_or_in_the_way(started, caplog, capfd):
@@ -206,7 +221,11 @@ def test_what_the_predictor_logs_and_prints_does_not_get_lost_or_in_the_way(star
 
 @pytest.mark.parametrize(
     ("does", "said"),
-    [("no start", "there is no sky"), ("no process", "set predictor.process to false")],
+    [
+        ("no start", "there is no sky"),
+        ("no start, at length", "there is no sky"),
+        ("no process", "set predictor.process to false"),
+    ],
 )
 def test_a_predictor_that_cannot_be_built_is_one_line(odd, does, said):
     runner = ProcessRunner(Job(settings=settings_of(does=does), people=1), 0.1)
