@@ -44,6 +44,7 @@ class Forecasting(ABC):
             np.ascontiguousarray(observed, dtype=np.bool_),
         )
         entered = enter(histories, self._tables)
+        _stand_at_carried(entered, histories, self._tables)
         ahead = self._ahead(entered)
         people, joints = len(history), len(self._tables.given)
         shape = (*ahead.shape[:1], *ahead.shape[2:])
@@ -87,3 +88,19 @@ class Forecasting(ABC):
                     f"predictor {method}: weights {path}: {error}; train them again, or give "
                     f"another file"
                 ) from error
+
+
+def _stand_at_carried(entered: Entered, histories: Histories, tables: Tables) -> None:
+    """Move the frames of people of whom only joints were seen that the network lacks.
+
+    A tracker may deliver the waist or the top of the head alone. Without this, such a body in its
+    rest pose would stand at the room's origin instead of at that joint.
+    """
+    rest = tables.rest[tables.taken].mean(axis=1)  # (K, 3), in a frame along the room's axes
+    bare = ~entered.observed.any(axis=(1, 2)) & histories.observed.any(axis=(1, 2))
+    for person in np.flatnonzero(bare):
+        seen = histories.observed[person]
+        joints = np.flatnonzero(seen.any(axis=0))
+        newest = len(seen) - 1 - seen[::-1, joints].argmax(axis=0)
+        places = histories.positions[person, newest, joints]
+        entered.frames[person, :3] = (places - rest[joints]).mean(axis=0)
