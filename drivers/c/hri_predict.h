@@ -302,7 +302,8 @@ typedef struct {
     bool configured;
     bool schema_heard;
     bool schema_matches;
-    uint8_t phase;       /* of the Advice: starting, advised, silent, forgotten */
+    uint32_t heard_ms;   /* when the newest Schema or fresh Advice arrived */
+    uint8_t phase;       /* of the Advice: starting, advised, silent */
     uint32_t advised_ms; /* when the newest valid one arrived, */
     uint8_t level;       /* its level, */
     uint16_t speed_mm_s;

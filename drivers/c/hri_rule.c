@@ -7,7 +7,6 @@
 #define STARTING 0u /* hri_receiver.phase */
 #define ADVISED 1u
 #define SILENT 2u
-#define FORGOTTEN 3u
 
 static bool fresh(hri_sequence *s, hri_counts *counts, uint16_t counter, uint32_t mask)
 {
@@ -63,6 +62,9 @@ uint8_t hri_lib_accept(hri_receiver *r, uint8_t kind, uint16_t counter, const ui
         return HRI_NOTHING;
     }
     r->counts.received++;
+    if ((kind == HRI_SCHEMA) || (kind == HRI_ADVICE)) {
+        r->heard_ms = now_ms;
+    }
     if (kind == HRI_SCHEMA) {
         r->schema_heard = true;
         r->schema_matches = (r->message.schema.version == HRI_SCHEMA_VERSION) &&
@@ -80,7 +82,6 @@ uint8_t hri_lib_accept(hri_receiver *r, uint8_t kind, uint16_t counter, const ui
 void hri_lib_watch(hri_receiver *r, uint32_t now_ms)
 {
     uint32_t keep_ms = (uint32_t)r->settings.max_age_ms + r->settings.silence_timeout_ms;
-    uint32_t silent_ms = now_ms - r->advised_ms;
     for (uint32_t kept = r->sent_kept; kept > 0u; kept--) {
         uint32_t oldest = (r->sent_newest + HRI_SENT_KEPT + 1u - kept) % HRI_SENT_KEPT;
         r->sent_kept = (uint8_t)kept;
@@ -93,11 +94,10 @@ void hri_lib_watch(hri_receiver *r, uint32_t now_ms)
         ((now_ms - r->error_ms) >= r->settings.error_window_ms)) {
         r->errors = 0u;
     }
-    if ((r->phase == ADVISED) && (silent_ms >= r->settings.silence_timeout_ms)) {
+    if ((r->phase == ADVISED) && ((now_ms - r->advised_ms) >= r->settings.silence_timeout_ms)) {
         r->phase = SILENT;
     }
-    if ((r->phase == SILENT) && (silent_ms >= HRI_FORGET_MS)) {
-        r->phase = FORGOTTEN;
+    if (r->schema_heard && (r->phase != ADVISED) && ((now_ms - r->heard_ms) >= HRI_FORGET_MS)) {
         r->schema_heard = false;
         r->schema_matches = false;
         r->part_started = false;
@@ -141,7 +141,7 @@ uint16_t hri_permitted_speed(hri_receiver *r, uint32_t now_ms)
         r->verdict = HRI_NOT_CONFIGURED;
     } else if (r->schema_heard && !r->schema_matches) {
         r->verdict = HRI_OTHER_SCHEMA;
-    } else if ((r->phase == SILENT) || (r->phase == FORGOTTEN)) {
+    } else if (r->phase == SILENT) {
         r->verdict = HRI_SILENT;
     } else if (!r->schema_matches) {
         r->verdict = HRI_NO_SCHEMA;

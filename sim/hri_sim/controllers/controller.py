@@ -190,6 +190,7 @@ class ControllerCore(Generic[U]):
         self._schema = SchemaGate()
         self._heard: _Heard | None = None
         self._last_advice_ns: int | None = None
+        self._node_ns = 0  # time of the newest schema or advice, also of an unknown schema
         self._pending: deque[tuple[int, Permit]] = deque()  # time of effect, permit
         self._in_effect: Permit | None = None
         self._watchdog: Watchdog = ""
@@ -316,11 +317,13 @@ class ControllerCore(Generic[U]):
 
     def _take(self, message: Message, now_ns: int) -> None:
         if isinstance(message, Schema):
+            self._node_ns = now_ns
             self._schema.take(message)
             if not self._schema.open:
                 self._report.schema_mismatches += 1
                 self._report.schema_trouble = self._schema.why
         elif isinstance(message, Advice) and message.robot == self._robot:
+            self._node_ns = now_ns
             self._take_advice(message, now_ns)
 
     def _take_advice(self, advice: Advice, now_ns: int) -> None:
@@ -367,7 +370,7 @@ class ControllerCore(Generic[U]):
 
     def _condition(self, now_ns: int) -> Watchdog:
         silent_ns = now_ns - self._last_advice_ns if self._last_advice_ns is not None else 0
-        if silent_ns > FORGET_S * 1e9 and self._heard is not None:
+        if self._schema.heard is not None and now_ns - self._node_ns > FORGET_S * 1e9:
             self._heard = None
             self._schema.reset()
             self._codec.reset()

@@ -160,6 +160,42 @@ def test_after_a_long_silence_the_schema_must_be_heard_again(line):
     assert one.answer() == (900, "advice")
 
 
+@pytest.mark.parametrize("link", LINKS)
+def test_a_schema_that_no_advice_follows_is_forgotten(line, link):
+    """At the start: another node, of another version, may send the Advice that comes later."""
+    one = line(link).say(OURS).wait(FORGET_MS - 1).ask().wait(1).ask().wait(9000).state().advise()
+    one.ask().say(OURS).ask().advise().ask()
+    assert one.answers() == [
+        (0, "starting"),
+        (0, "no schema"),
+        (0, "no schema"),
+        (0, "starting"),
+        (900, "advice"),
+    ]
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_after_a_silence_as_well_a_schema_that_no_advice_follows_is_forgotten(line, link):
+    one = line(link).started().wait(5000).ask().say(OURS).wait(FORGET_MS).state().advise().ask()
+    one.say(OURS).advise().ask()
+    assert one.answers() == [(0, "silent"), (0, "silent"), (900, "advice")]
+
+
+def test_a_schema_is_known_until_then_and_each_that_comes_prolongs_it(line):
+    one = line().say(OURS).wait(FORGET_MS - 1).say(OURS).wait(FORGET_MS - 1).state().advise().ask()
+    one.wait(5000).ask().say(OURS).wait(FORGET_MS - 1).state().advise().ask()
+    assert one.answers() == [(900, "advice"), (0, "silent"), (900, "advice")]
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_with_a_schema_that_no_advice_follows_the_counters_are_forgotten(line, link):
+    one = line(link).advise().say(OURS)
+    for _ in range(30):
+        one.units(CLEAR)
+    one.wait(FORGET_MS).say(OURS).state().advise()
+    assert one.answer() == (900, "advice")
+
+
 def test_a_tick_that_is_set_back_bounds_no_age(line):
     one = line().say(OURS)
     for _ in range(10):

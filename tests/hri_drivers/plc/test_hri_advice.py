@@ -169,6 +169,54 @@ def test_silence_stops_it_and_a_long_one_closes_the_schema(controller: Controlle
     assert controller.hear(OURS, SLOW) == 750
 
 
+def test_a_schema_that_no_advice_follows_is_forgotten(controller: Controller) -> None:
+    """At the start: another node, of another version, may send the Advice that comes later."""
+    controller.hear(OURS)
+    controller.wait(999).call()
+    assert controller["SchemaMatches"] == 1
+    controller.wait(1).call()
+    assert controller["SchemaMatches"] == 0
+    controller.wait(9000).state()
+    assert controller.hear(SLOW) == 0
+    assert controller.hear(OURS, SLOW) == 750
+
+
+def test_after_a_silence_as_well_a_schema_that_no_advice_follows_is_forgotten(
+    controller: Controller,
+) -> None:
+    controller.hear(OURS, SLOW)
+    controller.wait(5000).call()
+    controller.hear(OURS)
+    controller.wait(1000).state()
+    assert controller.hear(SLOW) == 0
+    assert controller["SchemaMatches"] == 0
+    assert controller.hear(OURS, SLOW) == 750
+
+
+def test_a_schema_is_known_until_then_and_each_that_comes_prolongs_it(
+    controller: Controller,
+) -> None:
+    controller.hear(OURS)
+    controller.wait(999).hear(OURS)
+    controller.wait(999).state()
+    assert controller.hear(SLOW) == 750
+    controller.wait(5000).hear(OURS)
+    controller.wait(999).state()
+    assert controller.hear(SLOW) == 750
+
+
+def test_with_a_schema_that_no_advice_follows_the_counters_are_forgotten(
+    controller: Controller,
+) -> None:
+    controller.hear(SLOW, OURS)
+    for _ in range(30):
+        controller.node.encode(SLOW)  # lost
+    controller.wait(1000).hear(OURS)
+    controller.state()
+    assert controller.hear(SLOW) == 750
+    assert controller["CounterErrors"] == 0
+
+
 def test_parts_from_before_a_long_silence_complete_nothing(controller: Controller) -> None:
     controller.tolerate(100).hear(OURS, SLOW)
     first, *rest = controller.node.encode(replace(SLOW, echo=controller.counter + 1))

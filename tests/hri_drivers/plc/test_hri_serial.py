@@ -115,6 +115,17 @@ def test_it_goes_on_across_the_wraps_of_tick_and_counter() -> None:
     assert controller["CounterErrors"] == 0
 
 
+def test_a_schema_that_no_advice_follows_is_forgotten() -> None:
+    controller = Controller()
+    controller.take(controller.said(OURS))
+    assert controller.wait(999).take() == 0
+    assert controller["SchemaMatches"] == 1
+    controller.wait(9001).send()
+    assert controller.take(controller.said(SLOW)) == 0
+    assert controller["SchemaMatches"] == 0
+    assert controller.take(controller.said(OURS, SLOW)) == 750
+
+
 @given(advices)
 def test_it_permits_what_the_node_says_and_nothing_unknown(advice: Advice) -> None:
     controller = Controller()
