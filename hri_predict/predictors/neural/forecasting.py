@@ -91,7 +91,7 @@ class Forecasting(ABC):
 
 
 def _stand_at_carried(entered: Entered, histories: Histories, tables: Tables) -> None:
-    """Move the frames of people of whom only joints were seen that the network lacks.
+    """Move the frames of people if all joints ever seen are ones that the network lacks.
 
     A tracker may deliver the waist or the top of the head alone. Without this, such a body in its
     rest pose would stand at the room's origin instead of at that joint.

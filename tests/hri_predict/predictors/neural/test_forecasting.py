@@ -16,7 +16,7 @@ def mixer():
 
 
 @pytest.mark.parametrize("only", [["waist"], ["head_top"], ["neck", "head_top"]])
-def test_who_is_seen_only_by_joints_that_the_network_lacks_stands_there(mixer, only):
+def test_a_person_seen_only_by_joints_that_the_network_lacks_stands_there(mixer, only):
     joints = [JOINTS.index(name) for name in only]
     shape = (2, mixer.history_steps, len(JOINTS))
     observed = np.zeros(shape, dtype=bool)
@@ -30,7 +30,7 @@ def test_who_is_seen_only_by_joints_that_the_network_lacks_stands_there(mixer, o
     np.testing.assert_allclose(moved, ahead + MOVE_M, rtol=0, atol=1e-4)
 
 
-def test_who_was_never_seen_and_who_is_seen_are_as_before(mixer):
+def test_people_seen_otherwise_or_not_at_all_are_as_before(mixer):
     rng = np.random.default_rng(3)
     history = rng.normal(0, 0.3, (2, mixer.history_steps, len(JOINTS), 3)) + 1.5
     observed = np.ones(history.shape[:3], dtype=bool)
