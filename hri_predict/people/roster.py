@@ -260,11 +260,14 @@ class Roster:
 
         Call this before the body is added to a track. That person may be found again. If there was
         no capture meanwhile, a body still in the same place is the same person for a few seconds.
+        The time in which a source is frozen is such an absence, too.
         """
         track = self.tracks.get(body.id)
         if track is None or self._keeps_ids:
             return
-        absent_ns = capture_ns - track.present_ns
+        # Bit-identical captures show nobody: the person was last seen before them.
+        thawed = track.repeats > 0 and not track.has_shown(body)
+        absent_ns = capture_ns - (track.capture_ns if thawed else track.present_ns)
         if absent_ns <= self._gap_ns + self._limits.period_ns:  # after a gap that is still bridged
             return
         unseen = track.present_ns >= self._looked_ns and absent_ns <= TAKEN_NS
