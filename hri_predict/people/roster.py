@@ -167,6 +167,7 @@ class Roster:
         """
         if not starts:
             return []
+        starts = sorted(starts, key=lambda start: start[1] is None)  # no new id takes their room
         left = [self.tracks.pop(body.id) for body, risen in starts if risen is not None]
         gone = [t for t in self.tracks.values() if t.present_ns != capture_ns]
         places: list[Track | Lost] = [*left, *gone, *self.lost.people, *self._leavers]
@@ -174,6 +175,10 @@ class Roster:
         refused = []
         for index, (body, risen) in enumerate(starts):
             place = places[pairs[index]] if index in pairs else None
+            if sum(t is not place for t in self.tracks.values()) >= self._settings.max_people:
+                self.counters["excess_people"] += 1
+                refused.append(body.id)
+                continue
             if place is not None:
                 if place.id != body.id:
                     self.note_end(place.id, capture_ns)
@@ -189,13 +194,7 @@ class Roster:
             if self._keeps_ids and risen is None:
                 self._find_all(body.id, [places[v] for v in pairs.values()])
             track = place.track if isinstance(place, Lost) else place
-            admitted = self._admit(
-                body=body, risen=risen, track=track, capture_ns=capture_ns, now_ns=now_ns
-            )
-            if not admitted:
-                refused.append(body.id)
-                if track is not None:
-                    self.lost.add(track)
+            self._admit(body=body, risen=risen, track=track, capture_ns=capture_ns, now_ns=now_ns)
         for track in left:
             self._vanish(track, capture_ns)
         return refused
@@ -347,12 +346,8 @@ class Roster:
 
     def _admit(
         self, *, body: Body, risen: Track | None, track: Track | None, capture_ns: int, now_ns: int
-    ) -> bool:
-        """Start to track an appearing body, with the history of ``track`` if plausible.
-
-        Returns:
-            whether the maximum number of tracks allowed it.
-        """
+    ) -> None:
+        """Start to track an appearing body, with the history of ``track`` if plausible."""
         believed = track.believable(body, capture_ns, self._limits) if track else None
         if track is not None and believed is not None:
             self.counters["inherited"] += 1
@@ -367,13 +362,9 @@ class Roster:
         elif risen is not None:
             self.counters["reaccepted"] += 1
             self.tracks[body.id] = risen
-        elif len(self.tracks) < self._settings.max_people:
+        else:
             self.counters["appeared"] += 1
             self.tracks[body.id] = self.start(body, capture_ns, now_ns)
-        else:
-            self.counters["excess_people"] += 1
-            return False
-        return True
 
     def _vanish(self, track: Track, capture_ns: int) -> None:
         doubted_ns = None if self._keeps_ids else track.trail.doubted_ns()
