@@ -348,6 +348,7 @@ class Roster:
         self, *, body: Body, risen: Track | None, track: Track | None, capture_ns: int, now_ns: int
     ) -> None:
         """Start to track an appearing body, with the history of ``track`` if plausible."""
+        rival = track.rival if track is not None else None
         believed = track.believable(body, capture_ns, self._limits) if track else None
         if track is not None and believed is not None:
             self.counters["inherited"] += 1
@@ -365,6 +366,7 @@ class Roster:
         else:
             self.counters["appeared"] += 1
             self.tracks[body.id] = self.start(body, capture_ns, now_ns)
+        self.drop_rival(self.tracks[body.id], rival)
 
     def _vanish(self, track: Track, capture_ns: int) -> None:
         doubted_ns = None if self._keeps_ids else track.trail.doubted_ns()

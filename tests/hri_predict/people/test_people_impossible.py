@@ -71,14 +71,17 @@ def test_a_teleport_is_refused_and_undone(make_room):
     assert snapshot.lost == ()
 
 
+@pytest.mark.parametrize("number", [1, 7], ids=["the same id", "a new id"])
 @pytest.mark.parametrize(("captures", "lost"), [(1, 1), (2, 1), (4, 1)])
-def test_who_stood_where_an_id_jumped_to_is_lost_when_it_comes_back(make_room, captures, lost):
+def test_who_stood_where_an_id_jumped_to_is_lost_when_its_body_comes_back(
+    make_room, captures, lost, number
+):
     """Unless the source keeps its ids, one capture may already be a hidden person."""
     room = make_room()
     room.see(body(1, 0.0), times=5)
     room.see(body(1, 3.0), times=captures)
-    snapshot = room.see(body(1, 0.02))
-    assert snapshot.ids == (1,)
+    snapshot = room.see(body(number, 0.02))
+    assert snapshot.ids == (number,)
     assert len(snapshot.lost) == lost
     assert all(p.positions[0, 0] == pytest.approx(3.0, abs=0.1) for p in snapshot.lost)
 
