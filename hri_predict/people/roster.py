@@ -29,8 +29,6 @@ SAME_PLACE_M = 0.25
 """Minimum distance of another person from the position of a body a moment ago."""
 TAKEN_NS = 3_000_000_000
 """Minimum time in which a person can leave a place and hide while another takes the same place."""
-STRIDE_M = 0.75
-"""Maximum displacement at which a single detached capture still shows the same person."""
 TOGETHER_M = 0.4
 """Distance below which two bodies in one scene may be one person reported twice."""
 
@@ -108,8 +106,9 @@ class Roster:
     def drop_rival(self, track: Track, rival: Track | None) -> None:
         """Mark as lost a person who stood where an id had jumped to before it came back.
 
-        An occasional single capture nearby is noise. A known person may have been mistaken for the
-        id.
+        An occasional single capture nearby is noise. A tracked person may have been mistaken for
+        the id. If it is unclear whether a person lost near there is this one, both are lost: the
+        zone of the first has grown, and an Acknowledge must not end a person who was just seen.
         """
         if rival is None or self._keeps_ids:
             return
@@ -125,11 +124,12 @@ class Roster:
         others = [t for t in self.tracks.values() if t is not track]
         if any(other.apart(body) < SAME_PLACE_M for other in others):
             return
-        for lost in [p for p in self.lost.people if p.apart(body) < PLACE_SLACK_M]:
-            if lost.id == rival.id and lost.track is not None and lost.track.captures == 1:
-                self.lost.remove(lost)  # the same stray, seen again
-                continue
-            return
+        near = [p for p in self.lost.people if p.apart(body) < PLACE_SLACK_M]
+        found = self._matched([(body, rival)], near, rival.capture_ns, unseen=()).get(0)
+        again = [p for index, p in enumerate(near) if index == found or _is_stray(p, track, rival)]
+        for lost in again:
+            self.lost.remove(lost)
+        track.stray = rival if len(near) > len(again) else None
         self.counters["vanished"] += 1
         self.lost.add(rival)
 
@@ -379,7 +379,7 @@ class Roster:
             self.counters["left_by_exit"] += 1
             self.note_end(track.id, capture_ns)
             self._leavers.append(track)
-            if rival is not None and self._is_stride_of(track, rival):
+            if rival is not None and self.lost.is_stride_of(track, rival):
                 return
         else:
             self.counters["vanished"] += 1
@@ -388,9 +388,9 @@ class Roster:
             self.counters["vanished"] += 1
             self.lost.add(rival)
 
-    def _is_stride_of(self, leaver: Track, rival: Track) -> bool:
-        """Return whether a rival is only one detached capture of a person who was leaving."""
-        seconds = max(rival.capture_ns - leaver.capture_ns, 0) * 1e-9
-        reach_m = STRIDE_M + self.lost.found_speed_of(leaver) * seconds
-        apart_m = float(np.linalg.norm((rival.centroid - leaver.centroid)[:2]))
-        return rival.captures == 1 and apart_m <= reach_m
+
+def _is_stray(lost: Lost, track: Track, rival: Track) -> bool:
+    """Return whether ``rival`` is a stray of ``track`` that was lost before, seen again."""
+    if lost.track is None:
+        return False
+    return lost.track is track.stray or (lost.id == rival.id and lost.track.captures == 1)
