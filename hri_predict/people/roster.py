@@ -29,8 +29,6 @@ SAME_PLACE_M = 0.25
 """Minimum distance of another person from the position of a body a moment ago."""
 TAKEN_NS = 3_000_000_000
 """Minimum time in which a person can leave a place and hide while another takes the same place."""
-STRIDE_M = 0.75
-"""Maximum displacement at which a single detached capture still shows the same person."""
 TOGETHER_M = 0.4
 """Distance below which two bodies in one scene may be one person reported twice."""
 
@@ -108,8 +106,9 @@ class Roster:
     def drop_rival(self, track: Track, rival: Track | None) -> None:
         """Mark as lost a person who stood where an id had jumped to before it came back.
 
-        An occasional single capture nearby is noise. A known person may have been mistaken for the
-        id.
+        An occasional single capture nearby is noise. A tracked person may have been mistaken for
+        the id. If it is unclear whether a person lost near there is this one, both are lost: the
+        zone of the first has grown, and an Acknowledge must not end a person who was just seen.
         """
         if rival is None or self._keeps_ids:
             return
@@ -125,11 +124,12 @@ class Roster:
         others = [t for t in self.tracks.values() if t is not track]
         if any(other.apart(body) < SAME_PLACE_M for other in others):
             return
-        for lost in [p for p in self.lost.people if p.apart(body) < PLACE_SLACK_M]:
-            if lost.id == rival.id and lost.track is not None and lost.track.captures == 1:
-                self.lost.remove(lost)  # the same stray, seen again
-                continue
-            return
+        near = [p for p in self.lost.people if p.apart(body) < PLACE_SLACK_M]
+        found = self._matched([(body, rival)], near, rival.capture_ns, unseen=()).get(0)
+        again = [p for index, p in enumerate(near) if index == found or _is_stray(p, track, rival)]
+        for lost in again:
+            self.lost.remove(lost)
+        track.stray = rival if len(near) > len(again) else None
         self.counters["vanished"] += 1
         self.lost.add(rival)
 
@@ -167,6 +167,7 @@ class Roster:
         """
         if not starts:
             return []
+        starts = sorted(starts, key=lambda start: start[1] is None)  # no new id takes their room
         left = [self.tracks.pop(body.id) for body, risen in starts if risen is not None]
         gone = [t for t in self.tracks.values() if t.present_ns != capture_ns]
         places: list[Track | Lost] = [*left, *gone, *self.lost.people, *self._leavers]
@@ -174,6 +175,10 @@ class Roster:
         refused = []
         for index, (body, risen) in enumerate(starts):
             place = places[pairs[index]] if index in pairs else None
+            if sum(t is not place for t in self.tracks.values()) >= self._settings.max_people:
+                self.counters["excess_people"] += 1
+                refused.append(body.id)
+                continue
             if place is not None:
                 if place.id != body.id:
                     self.note_end(place.id, capture_ns)
@@ -189,13 +194,7 @@ class Roster:
             if self._keeps_ids and risen is None:
                 self._find_all(body.id, [places[v] for v in pairs.values()])
             track = place.track if isinstance(place, Lost) else place
-            admitted = self._admit(
-                body=body, risen=risen, track=track, capture_ns=capture_ns, now_ns=now_ns
-            )
-            if not admitted:
-                refused.append(body.id)
-                if track is not None:
-                    self.lost.add(track)
+            self._admit(body=body, risen=risen, track=track, capture_ns=capture_ns, now_ns=now_ns)
         for track in left:
             self._vanish(track, capture_ns)
         return refused
@@ -260,11 +259,14 @@ class Roster:
 
         Call this before the body is added to a track. That person may be found again. If there was
         no capture meanwhile, a body still in the same place is the same person for a few seconds.
+        The time in which a source is frozen is such an absence, too.
         """
         track = self.tracks.get(body.id)
         if track is None or self._keeps_ids:
             return
-        absent_ns = capture_ns - track.present_ns
+        # Bit-identical captures show nobody: the person was last seen before them.
+        thawed = track.repeats > 0 and not track.has_shown(body)
+        absent_ns = capture_ns - (track.capture_ns if thawed else track.present_ns)
         if absent_ns <= self._gap_ns + self._limits.period_ns:  # after a gap that is still bridged
             return
         unseen = track.present_ns >= self._looked_ns and absent_ns <= TAKEN_NS
@@ -344,12 +346,9 @@ class Roster:
 
     def _admit(
         self, *, body: Body, risen: Track | None, track: Track | None, capture_ns: int, now_ns: int
-    ) -> bool:
-        """Start to track an appearing body, with the history of ``track`` if plausible.
-
-        Returns:
-            whether the maximum number of tracks allowed it.
-        """
+    ) -> None:
+        """Start to track an appearing body, with the history of ``track`` if plausible."""
+        rival = track.rival if track is not None else None
         believed = track.believable(body, capture_ns, self._limits) if track else None
         if track is not None and believed is not None:
             self.counters["inherited"] += 1
@@ -364,13 +363,10 @@ class Roster:
         elif risen is not None:
             self.counters["reaccepted"] += 1
             self.tracks[body.id] = risen
-        elif len(self.tracks) < self._settings.max_people:
+        else:
             self.counters["appeared"] += 1
             self.tracks[body.id] = self.start(body, capture_ns, now_ns)
-        else:
-            self.counters["excess_people"] += 1
-            return False
-        return True
+        self.drop_rival(self.tracks[body.id], rival)
 
     def _vanish(self, track: Track, capture_ns: int) -> None:
         doubted_ns = None if self._keeps_ids else track.trail.doubted_ns()
@@ -383,7 +379,7 @@ class Roster:
             self.counters["left_by_exit"] += 1
             self.note_end(track.id, capture_ns)
             self._leavers.append(track)
-            if rival is not None and self._is_stride_of(track, rival):
+            if rival is not None and self.lost.is_stride_of(track, rival):
                 return
         else:
             self.counters["vanished"] += 1
@@ -392,9 +388,9 @@ class Roster:
             self.counters["vanished"] += 1
             self.lost.add(rival)
 
-    def _is_stride_of(self, leaver: Track, rival: Track) -> bool:
-        """Return whether a rival is only one detached capture of a person who was leaving."""
-        seconds = max(rival.capture_ns - leaver.capture_ns, 0) * 1e-9
-        reach_m = STRIDE_M + self.lost.found_speed_of(leaver) * seconds
-        apart_m = float(np.linalg.norm((rival.centroid - leaver.centroid)[:2]))
-        return rival.captures == 1 and apart_m <= reach_m
+
+def _is_stray(lost: Lost, track: Track, rival: Track) -> bool:
+    """Return whether ``rival`` is a stray of ``track`` that was lost before, seen again."""
+    if lost.track is None:
+        return False
+    return lost.track is track.stray or (lost.id == rival.id and lost.track.captures == 1)

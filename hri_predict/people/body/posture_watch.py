@@ -125,6 +125,8 @@ class PostureWatch:
         if not self._on:
             return None
         record = self._records.get(body.id)
+        if record is not None and capture_ns - record.seen_ns > FORGET_NS:
+            record = None  # the id may be another person's now
         if record is not None and capture_ns - record.judged_ns < JUDGE_NS:
             record.seen_ns = capture_ns
             return record.refused

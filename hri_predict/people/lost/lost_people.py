@@ -27,6 +27,8 @@ from hri_predict.people.track import Body, Track
 
 SPEED_SPAN_S, LIMB_SPAN_S = 0.4, 0.2
 """Time over which the last speed is measured: a third of a step, and four captures at 10 Hz."""
+STRIDE_M = 0.75
+"""Maximum displacement at which a single detached capture still shows the same person."""
 GAIN, GAIN_M_S = 1.25, 0.4
 """Margin on the measured speed of a lost person: a runner gains 4 m/s2 for a moment."""
 
@@ -141,6 +143,13 @@ class LostPeople:
         """
         measured, _ = track.speeds(SPEED_SPAN_S)
         return self._settings.lost_speed_m_s if measured is None else self.speed_of(track)
+
+    def is_stride_of(self, leaver: Track, rival: Track) -> bool:
+        """Return whether a rival is only one detached capture of a person who was leaving."""
+        seconds = max(rival.capture_ns - leaver.capture_ns, 0) * 1e-9
+        reach_m = STRIDE_M + self.found_speed_of(leaver) * seconds
+        apart_m = float(np.linalg.norm((rival.centroid - leaver.centroid)[:2]))
+        return rival.captures == 1 and apart_m <= reach_m
 
     def remove(self, lost: Lost) -> None:
         """Remove a person who is seen again."""

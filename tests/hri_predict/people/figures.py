@@ -20,6 +20,12 @@ def body(number: int, x: float, y: float = 0.0, observed: Bools = ALL) -> Person
     return Person(number, SHAPE + np.array([x, y, 0.0]), observed)
 
 
+def noisy(number: int, x: float, y: float = 0.0, *, seed: int) -> Person:
+    """A person who stands there, with the noise of a sensor."""
+    noise = np.random.default_rng([number, seed]).normal(0.0, 0.002, (J, 3))
+    return Person(number, SHAPE + np.array([x, y, 0.0]) + noise, ALL)
+
+
 def nowhere(number: int) -> Person:
     """Somebody of whom no joint is seen."""
     return Person(number, np.full((J, 3), np.nan), NONE)

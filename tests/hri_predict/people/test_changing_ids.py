@@ -7,7 +7,7 @@ from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person
 from hri_predict.people.track import Body, Track
 from hri_predict.protocol.reasons import Reason
-from tests.hri_predict.people.figures import ALL, DOOR, SHAPE, J, body, lost_at
+from tests.hri_predict.people.figures import ALL, DOOR, SHAPE, J, body, lost_at, noisy
 
 HEAD = np.array(["head" in name or "shoulder" in name or name == "neck" for name in JOINTS])
 LEGS = np.array([name[2:] in ("hip", "knee", "ankle", "foot") for name in JOINTS])
@@ -73,6 +73,45 @@ def test_where_ids_are_kept_a_tracked_person_is_lost_nowhere(make_room):
     snapshot = room.see(body(1, 0.0), times=2)
     assert snapshot.ids == (1,)
     assert snapshot.lost == ()
+
+
+# -- a frozen source ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("seconds", "x", "lost"),
+    [
+        *((seconds, x, [0.0]) for seconds in (0.6, 1.5, 20.0) for x in (0.6, 1.5, 3.0)),
+        (0.6, 0.1, []),
+        (2.5, 0.1, []),
+        (4.0, 0.1, [0.0]),
+    ],
+)
+def test_after_a_frozen_source_an_id_is_as_after_any_outage(make_room, seconds, x, lost):
+    """Repeated captures show no person: whoever was there may have hidden meanwhile."""
+    room = make_room(declares_noise=True)
+    for seed in range(10):
+        room.see(noisy(1, 0.0, seed=seed))
+    snapshot = room.see(noisy(1, 0.0, seed=9), times=round(seconds * 25))
+    assert (snapshot.ids, snapshot.lost) == ((1,), ())
+    assert snapshot.reasons[0] is Reason.INPUT_FROZEN
+    for seed in range(20, 40):
+        snapshot = room.see(noisy(1, x, seed=seed))
+    assert snapshot.ids == (1,)
+    assert lost_at(snapshot) == pytest.approx(lost)
+
+
+@pytest.mark.parametrize(("x", "lost"), [(0.0, [3.0]), (-3.0, [0.0, 3.0])])
+def test_who_was_seen_under_the_id_before_the_source_froze_is_lost(make_room, x, lost):
+    room = make_room(declares_noise=True)
+    for seed in range(10):
+        room.see(noisy(1, 0.0, seed=seed))
+    room.see(noisy(1, 3.0, seed=0))
+    room.see(noisy(1, 0.0, seed=9), times=50)
+    for seed in range(20, 30):
+        snapshot = room.see(noisy(1, x, seed=seed))
+    assert snapshot.ids == (1,)
+    assert lost_at(snapshot) == pytest.approx(lost)
 
 
 # -- an id that moves farther than its person can -----------------------------------------------

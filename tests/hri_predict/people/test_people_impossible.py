@@ -3,7 +3,7 @@ import pytest
 
 from hri_predict.contracts.scene import Person
 from hri_predict.protocol.reasons import Reason
-from tests.hri_predict.people.figures import SHAPE, J, body
+from tests.hri_predict.people.figures import SHAPE, J, body, lost_at
 
 MS = 1_000_000
 PERIOD = 40 * MS
@@ -71,14 +71,17 @@ def test_a_teleport_is_refused_and_undone(make_room):
     assert snapshot.lost == ()
 
 
+@pytest.mark.parametrize("number", [1, 7], ids=["the same id", "a new id"])
 @pytest.mark.parametrize(("captures", "lost"), [(1, 1), (2, 1), (4, 1)])
-def test_who_stood_where_an_id_jumped_to_is_lost_when_it_comes_back(make_room, captures, lost):
+def test_who_stood_where_an_id_jumped_to_is_lost_when_its_body_comes_back(
+    make_room, captures, lost, number
+):
     """Unless the source keeps its ids, one capture may already be a hidden person."""
     room = make_room()
     room.see(body(1, 0.0), times=5)
     room.see(body(1, 3.0), times=captures)
-    snapshot = room.see(body(1, 0.02))
-    assert snapshot.ids == (1,)
+    snapshot = room.see(body(number, 0.02))
+    assert snapshot.ids == (number,)
     assert len(snapshot.lost) == lost
     assert all(p.positions[0, 0] == pytest.approx(3.0, abs=0.1) for p in snapshot.lost)
 
@@ -192,6 +195,28 @@ def test_more_people_than_can_be_followed_is_a_reason(make_room):
     assert snapshot.counters["excess_people"] == 2
     assert snapshot.captures == 3
     assert room.see(*people[:3], times=10).reasons == (Reason.ROOM_NOT_SEEN_EMPTY,)
+
+
+def test_who_is_found_beyond_the_limit_is_one_too_many_and_stays_lost(make_room):
+    room = make_room(max_people=2)
+    room.see(body(1, 0.0), body(2, 3.0), times=20)
+    room.see(body(1, 0.0), times=4)
+    room.see(body(1, 0.0), body(3, -3.0))
+    for _ in range(50):
+        snapshot = room.see(body(1, 0.0), body(3, -3.0), body(4, 3.0))
+        assert snapshot.ids == (1, 3)
+        assert Reason.TOO_MANY_PEOPLE in snapshot.reasons
+    assert lost_at(snapshot) == [3.0]
+
+
+def test_who_is_tracked_keeps_the_last_place_when_another_appears(make_room):
+    room = make_room(max_people=2)
+    room.see(body(1, 0.0), body(2, 6.0), times=20)
+    room.see(body(1, 3.0), body(2, 6.0), times=4)
+    snapshot = room.see(body(3, -3.0), body(1, 3.0), body(2, 6.0))  # the jump is accepted now
+    assert snapshot.ids == (1, 2)
+    assert Reason.TOO_MANY_PEOPLE in snapshot.reasons
+    assert lost_at(snapshot) == [0.0]
 
 
 def test_a_person_lost_under_two_ids_is_found_once_when_both_places_show_somebody(make_room):

@@ -198,6 +198,18 @@ def test_a_new_id_at_the_same_place_takes_the_verdict_over():
     assert verdict is Verdict.MIRRORED
 
 
+@pytest.mark.parametrize(("absent_s", "is_new"), [(2, False), (6, True), (3600, True)])
+def test_an_id_that_was_away_for_long_is_judged_anew(absent_s, is_new):
+    watched = Watched()
+    watched.see(BODY, 1.5)
+    assert watched.see(BODY * [1, -1, 1], 1.5) is Verdict.MIRRORED
+    watched.now += absent_s * 10**9
+    verdict = watched.see(moved(BODY, 3, 0, 0), 0.04)
+    assert verdict is (None if is_new else Verdict.MIRRORED)
+    verdict = watched.see(moved(BODY * [1, -1, 1], 3, 0, 0), 1.5)
+    assert verdict is Verdict.MIRRORED
+
+
 def test_it_is_believed_again_after_a_second():
     watched = Watched()
     assert watched.see(BODY * [1, -1, 1], 1.5) is Verdict.MIRRORED

@@ -7,7 +7,7 @@ from hri_predict.base.settings import Region
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.lost.lost_people import match_places
 from hri_predict.protocol.reasons import Reason
-from tests.hri_predict.people.figures import ALL, DOOR, SHAPE, J, body
+from tests.hri_predict.people.figures import ALL, DOOR, SHAPE, J, body, lost_at
 
 MS = 1_000_000
 RATE = 25.0
@@ -173,6 +173,31 @@ def test_acknowledge_forgets_only_those_not_seen_for_long(make_room):
     assert lost_ids(snapshot) == [2]
     assert snapshot.counters["acknowledged"] == 2
     assert snapshot.counters["forgotten"] == 1
+
+
+@pytest.mark.parametrize("captures", [2, 3, 4])
+def test_acknowledge_forgets_no_one_who_was_just_seen_near_a_lost_person(make_room, captures):
+    """Under another's id for a moment: it may be the lost person, or one who hides beside."""
+    room = make_room(latency=0)
+    room.see(body(1, 0.0), body(2, 3.0), times=20)
+    room.see(body(1, 0.0), times=LONG_SCENES)
+    for _ in range(5):
+        room.see(body(1, 3.1), times=captures)
+        snapshot = room.see(body(1, 0.0), times=2)
+        assert lost_at(snapshot) == [3.0, 3.1]  # no more than the first and the newest
+    room.people.acknowledge()
+    assert lost_at(room.snapshot()) == [3.1]
+    room.see(body(1, 0.0), times=LONG_SCENES)
+    room.people.acknowledge()
+    assert room.snapshot().lost == ()
+
+
+def test_a_body_near_two_lost_people_is_one_of_them_at_most(make_room):
+    room = make_room(latency=0)
+    room.see(body(1, 0.0), body(2, 3.0), body(3, 3.1), times=20)
+    room.see(body(1, 0.0), times=4)
+    room.see(body(1, 3.05), times=2)
+    assert len(room.see(body(1, 0.0), times=2).lost) == 2
 
 
 @pytest.mark.parametrize("keeps_ids", [True, False])
