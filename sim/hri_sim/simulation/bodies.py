@@ -173,7 +173,10 @@ def engines_of(
 
 
 def without_people(snapshot: PeopleSnapshot) -> PeopleSnapshot:
-    """Return the snapshot of an empty room, without reasons to doubt that it is empty."""
+    """Return the snapshot of an empty room, without reasons to doubt that it is empty.
+
+    Where a scene was doubted, the newest trusted capture may be stale: that is doubt, too.
+    """
     return replace(
         snapshot,
         ids=(),
@@ -184,6 +187,7 @@ def without_people(snapshot: PeopleSnapshot) -> PeopleSnapshot:
         joint_age_s=snapshot.joint_age_s[:0],
         lost=(),
         reasons=(),
+        newest_capture_ns=snapshot.now_ns if snapshot.reasons else snapshot.newest_capture_ns,
         recent=None,
         inferred=None,
         errors_m=None,

@@ -1,10 +1,13 @@
 """Bodies computed once and moved are the bodies that the node would have found there."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from hri_predict.protocol.reasons import Reason
 from hri_sim.simulation.approach import lasts_ns, over_floor
-from hri_sim.simulation.bodies import compute, joined, moved
+from hri_sim.simulation.bodies import compute, joined, moved, without_people
 from hri_sim.simulation.cell import variants
 from hri_sim.simulation.motion import load_motion
 
@@ -102,3 +105,13 @@ def test_people_computed_apart_end_where_the_run_does(cell, recording, tmp_path)
     stamps = [each.now_ns for each in found.snapshots]
     assert stamps == [each.now_ns for each in one_run.snapshots]
     assert len(stamps) < min(len(part.snapshots) for part in parts)
+
+
+def test_an_empty_room_is_not_doubted_where_a_scene_was(cell, modes):
+    bodies = compute(cell=cell, motions=MOTIONS[:1], lead_in_s=0.5, variants=modes[:1])
+    trusted = bodies.snapshots[-1]
+    assert without_people(trusted).newest_capture_ns == trusted.newest_capture_ns
+    stale_ns = trusted.now_ns - 1_000_000_000
+    doubted = replace(trusted, reasons=(Reason.INPUT_REPEATS,), newest_capture_ns=stale_ns)
+    empty = without_people(doubted)
+    assert (empty.ids, empty.reasons, empty.age_s) == ((), (), 0.0)
