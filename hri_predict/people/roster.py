@@ -16,7 +16,13 @@ import numpy as np
 
 from hri_predict.base.arrays import Bools
 from hri_predict.people.lost.doors import Doors
-from hri_predict.people.lost.lost_people import Lost, LostPeople, match_places
+from hri_predict.people.lost.lost_people import (
+    MOST_STRAYS,
+    Lost,
+    LostPeople,
+    match_places,
+    strays_in,
+)
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import FOUND_M, Body, MotionLimits, Track
@@ -126,10 +132,12 @@ class Roster:
             return
         near = [p for p in self.lost.people if p.apart(body) < PLACE_SLACK_M]
         found = self._matched([(body, rival)], near, rival.capture_ns, unseen=()).get(0)
-        again = [p for index, p in enumerate(near) if index == found or _is_stray(p, track, rival)]
+        again = [near[found]] if found is not None else []
+        again += strays_in([p for p in near if p not in again], track, rival)
         for lost in again:
             self.lost.remove(lost)
-        track.stray = rival if len(near) > len(again) else None
+        if len(near) > len(again):
+            track.strays = (*track.strays[1 - MOST_STRAYS :], rival)
         self.counters["vanished"] += 1
         self.lost.add(rival)
 
@@ -172,7 +180,7 @@ class Roster:
         gone = [t for t in self.tracks.values() if t.present_ns != capture_ns]
         places: list[Track | Lost] = [*left, *gone, *self.lost.people, *self._leavers]
         pairs = self._matched(starts, places, capture_ns, unseen)
-        refused = []
+        refused, beside = [], []
         for index, (body, risen) in enumerate(starts):
             place = places[pairs[index]] if index in pairs else None
             if sum(t is not place for t in self.tracks.values()) >= self._settings.max_people:
@@ -194,9 +202,13 @@ class Roster:
             if self._keeps_ids and risen is None:
                 self._find_all(body.id, [places[v] for v in pairs.values()])
             track = place.track if isinstance(place, Lost) else place
+            if track is not None and track.rival is not None:
+                beside.append((body.id, track.rival))
             self._admit(body=body, risen=risen, track=track, capture_ns=capture_ns, now_ns=now_ns)
         for track in left:
             self._vanish(track, capture_ns)
+        for number, rival in beside:  # now that all bodies of this scene are tracked
+            self.drop_rival(self.tracks[number], rival)
         return refused
 
     def still_lost(self, number: int, capture_ns: int) -> bool:
@@ -348,7 +360,6 @@ class Roster:
         self, *, body: Body, risen: Track | None, track: Track | None, capture_ns: int, now_ns: int
     ) -> None:
         """Start to track an appearing body, with the history of ``track`` if plausible."""
-        rival = track.rival if track is not None else None
         believed = track.believable(body, capture_ns, self._limits) if track else None
         if track is not None and believed is not None:
             self.counters["inherited"] += 1
@@ -366,7 +377,6 @@ class Roster:
         else:
             self.counters["appeared"] += 1
             self.tracks[body.id] = self.start(body, capture_ns, now_ns)
-        self.drop_rival(self.tracks[body.id], rival)
 
     def _vanish(self, track: Track, capture_ns: int) -> None:
         doubted_ns = None if self._keeps_ids else track.trail.doubted_ns()
@@ -387,10 +397,3 @@ class Roster:
         if rival is not None:
             self.counters["vanished"] += 1
             self.lost.add(rival)
-
-
-def _is_stray(lost: Lost, track: Track, rival: Track) -> bool:
-    """Return whether ``rival`` is a stray of ``track`` that was lost before, seen again."""
-    if lost.track is None:
-        return False
-    return lost.track is track.stray or (lost.id == rival.id and lost.track.captures == 1)

@@ -112,7 +112,7 @@ class Track:
         passage: progress through an exit.
         trail: path of the body in the last second.
         stray_ns: last time at which a single capture with this id was elsewhere.
-        stray: newest rival that was lost beside a person who was lost there before.
+        strays: newest rivals that were lost beside people who were lost there before.
     """
 
     id: int
@@ -131,7 +131,7 @@ class Track:
     passage: Passage = field(default_factory=Passage)
     trail: Trail = field(default_factory=Trail)
     stray_ns: int = NEVER
-    stray: "Track | None" = field(default=None)
+    strays: "tuple[Track, ...]" = ()
     _places: Floats = field(
         default_factory=lambda: np.zeros((1, 2))
     )  # of the trail, for each joint

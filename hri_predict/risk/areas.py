@@ -32,7 +32,8 @@ class NamedZoneSettings(Region):
     newest scenes lack a person, by how far people can have come since then. A predicted
     entry carries no guarantee: it uses the forecast body, enclosed over each step but not enlarged.
     With ``entry: zone`` it uses the zones, which contain every possible position of the body.
-    Without a forecast (it failed, or the person is lost) both use the zones.
+    Without a forecast (it failed, or the person is lost) both use the zones. Past the last
+    calibrated step (shipped: 1.2 s) the forecast body stands still.
     """
 
     name: Name = Field(description="its own name, for messages and alerts")
@@ -126,9 +127,9 @@ class NamedZone:
         zones = bodies.zones.capsules
         now = zones[:, 0]
         late_s = max(bodies.age_s - self._stale_s, 0.0)
-        fastest_m_s = max(WALK_SPEED_M_S, float(bodies.speeds.fastest_m_s.max(initial=0.0)))
-        now = Capsules(now.a, now.b, now.radius + late_s * fastest_m_s)
-        if self.occupied(now).any():
+        human_m_s = bodies.speeds.beyond_standard_m_s.max(1, initial=0.0)  # 0: as assumed
+        grown_m = np.maximum(WALK_SPEED_M_S, human_m_s)[:, None] * late_s
+        if self.occupied(Capsules(now.a, now.b, now.radius + grown_m)).any():
             return NamedZoneState(self.settings.name, True, 0.0)
         bodies_then = zones if self.settings.entry == "zone" else bodies.paths
         entered = np.flatnonzero(self.occupied(bodies_then)[:, 1:].any(axis=(0, 2)))

@@ -29,7 +29,8 @@ class RobotConstants:
         budget: the delays.
         until_braking_s: time from now until it starts to brake.
         fixed_radius_m: radius for mode ``fixed``: as configured, or the robot's reach plus the
-            maximum S_p.
+            maximum S_p; wider for a robot that was measured to stop late.
+        spare_m: what was configured for it beyond reach and maximum S_p; negative if less.
         tools: the constants with one tool, by its number; this object is the worst case over all
             tools.
     """
@@ -42,6 +43,7 @@ class RobotConstants:
     budget: DelayBudget
     until_braking_s: float
     fixed_radius_m: float
+    spare_m: float
     tools: Mapping[int, Self] = field(default_factory=dict)
 
     @classmethod
@@ -79,6 +81,7 @@ class RobotConstants:
             budget=budget,
             until_braking_s=budget.after_now_s(robot.name),
             fixed_radius_m=radius_m,
+            spare_m=radius_m - model.reach_m - needed_m,
         )
         return replace(worst, tools={n: worst._with_tool(n) for n in model.tool_numbers})
 
@@ -94,12 +97,9 @@ class RobotConstants:
         return self if tool is None else self.tools[tool]
 
     def revised(self) -> Self:
-        """Return a copy with the models' present stopping curves.
-
-        A configured radius of mode ``fixed`` counts no more: it was chosen for the table.
-        """
+        """Return a copy with the models' present stopping curves."""
         curve = StoppingCurve.of(self.model.stopping, self.robot.max_speed_m_s)
-        radius_m = max(self.fixed_radius_m, self.anywhere_m)
+        radius_m = max(self.fixed_radius_m, self.anywhere_m + self.spare_m)
         tools = {number: own.revised() for number, own in self.tools.items()}
         return replace(self, curve=curve, fixed_radius_m=radius_m, tools=tools)
 

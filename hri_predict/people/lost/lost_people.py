@@ -74,6 +74,31 @@ class Lost:
         return float(np.linalg.norm((body.centroid - self.centroid)[:2]))
 
 
+MOST_STRAYS = 8
+"""Number of strays of a track that are remembered: an id may jump to several places in turn."""
+
+
+def strays_in(near: Sequence[Lost], track: Track, rival: Track) -> list[Lost]:
+    """Return those of ``near`` who are strays of ``track``, now seen again as ``rival``.
+
+    A stray of several captures may be a person apart from the one who was lost there first. So it
+    is replaced only while that person is lost, too.
+    """
+    seen = [(lost, lost.track) for lost in near if lost.track is not None]
+    strays = [
+        (lost, own)
+        for lost, own in seen
+        if any(own is stray for stray in track.strays)
+        or (lost.id == rival.id and own.captures == 1)
+    ]
+    first_ns = min((p.capture_ns for p in near if all(p is not s for s, _ in strays)), default=None)
+    return [
+        lost
+        for lost, own in strays
+        if own.captures == 1 or (first_ns is not None and first_ns <= lost.capture_ns)
+    ]
+
+
 class LostPeople:
     """People who vanished, with unknown whereabouts.
 
