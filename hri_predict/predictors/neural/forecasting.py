@@ -96,9 +96,11 @@ def _stand_at_carried(entered: Entered, histories: Histories, tables: Tables) ->
     A tracker may deliver the waist or the top of the head alone. Without this, such a body in its
     rest pose would stand at the room's origin instead of at that joint.
     """
+    bare = ~entered.observed.any(axis=(1, 2))
+    if not bare.any():  # as in nearly every tick
+        return
     rest = tables.rest[tables.taken].mean(axis=1)  # (K, 3), in a frame along the room's axes
-    bare = ~entered.observed.any(axis=(1, 2)) & histories.observed.any(axis=(1, 2))
-    for person in np.flatnonzero(bare):
+    for person in np.flatnonzero(bare & histories.observed.any(axis=(1, 2))):
         seen = histories.observed[person]
         joints = np.flatnonzero(seen.any(axis=0))
         newest = len(seen) - 1 - seen[::-1, joints].argmax(axis=0)

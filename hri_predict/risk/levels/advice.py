@@ -213,7 +213,9 @@ class Levels:
             reason = (*bodies.reasons, *remarks)[0]
         reason = self._reasons[robot].update(advised.level, reason, snapshot.captures)
         who = people if people is not None and natural.reason.row.by_distance else None
-        by_zones = self._by_zones(robot, findings.named)
+        by_zones = {}
+        if demand.reason in (Reason.ZONE_OCCUPIED, Reason.ZONE_ENTRY_PREDICTED):
+            by_zones = self._by_zones(robot, findings.named)
         detail = detail_of(
             self._robots[robot],
             bodies,

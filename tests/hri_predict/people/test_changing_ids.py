@@ -88,7 +88,7 @@ def test_where_ids_are_kept_a_tracked_person_is_lost_nowhere(make_room):
     ],
 )
 def test_after_a_frozen_source_an_id_is_as_after_any_outage(make_room, seconds, x, lost):
-    """Repeated captures show no person: whoever was there may have hidden meanwhile."""
+    """Repeated captures show no person: the one who was there may have hidden meanwhile."""
     room = make_room(declares_noise=True)
     for seed in range(10):
         room.see(noisy(1, 0.0, seed=seed))
