@@ -32,6 +32,7 @@ from hri_predict.recording.mcap.places import RecordingFiles
 from hri_predict.recording.mcap.to_dict import counters_of
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
+from hri_predict.run.foreseeing import foreseeing
 from hri_predict.run.recording import clocks_of, info_of, where_to_record
 from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
 from hri_predict.run.serving import Serving
@@ -165,6 +166,8 @@ class _Session:
         virtual = self.options.factor is None
         settings, place = self._where_to_record()
         self.source = source = assemble.build_source(self.config)
+        if virtual:
+            self.prediction = foreseeing(self.config, source, self.clock.now_ns())
         listeners: list[Listener] = [self.slow_start, self.levels, _AlertListener(self.alerts)]
         if self.options.view is not None:
             listeners.append(self.options.view)
