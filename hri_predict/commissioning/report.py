@@ -5,8 +5,9 @@ only signatures on paper, or a copy kept by others, reveal deliberate changes.
 """
 
 import json
+import os
 from collections.abc import Iterator
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
@@ -312,6 +313,24 @@ def read_report(path: Path) -> tuple[Report, str]:
     Raises:
         ConfigError: the file cannot be read, is not a report, or was changed after it was written.
     """
+    data = _intact(path)
+    content = {key: value for key, value in data.items() if key != "hash"}
+    try:
+        return Report.model_validate(content), data["hash"]
+    except ValidationError as error:
+        first = error.errors()[0]
+        at = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(
+            f"report {path}: {at}: {first['msg']}; it may be from another version: commission again"
+        ) from error
+
+
+def _intact(path: Path) -> dict[str, Any]:
+    """Return the content of a report of any version, with its hash.
+
+    Raises:
+        ConfigError: the file cannot be read, is not a report, or was changed after it was written.
+    """
     try:
         data = json.loads(read_text(path, "report"))
     except (ValueError, RecursionError) as error:
@@ -327,37 +346,46 @@ def read_report(path: Path) -> tuple[Report, str]:
             f"report {path}: was changed after it was written: its content does not match its hash "
             f"{data['hash'][:12]}; restore it, or commission again"
         )
-    content = {key: value for key, value in data.items() if key != "hash"}
-    try:
-        return Report.model_validate(content), data["hash"]
-    except ValidationError as error:
-        first = error.errors()[0]
-        at = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(
-            f"report {path}: {at}: {first['msg']}; it may be from another version: commission again"
-        ) from error
+    return data
 
 
 def find_report(path: Path) -> Path:
     """Return the report at a path: the file, or the newest report in a folder and its subfolders.
 
     Raises:
-        ConfigError: there is no report.
+        ConfigError: there is no report, or a report in the folder is damaged: it may be the newest.
     """
     if not path.is_dir():
         if not path.is_file():
             raise ConfigError(f"report {path}: no such file; correct commissioning.report")
         return path
-    there = [*path.glob(REPORT), *path.glob(f"*/{REPORT}")]
+    there = _reports(path)
     if not there:
         raise ConfigError(f"report {path}: no {REPORT} in this folder or the folders in it")
     return max(there, key=_made)
 
 
-def _made(path: Path) -> tuple[str, float]:
-    """Return the creation time stated in a report; a report without one counts as the oldest."""
+def _reports(path: Path) -> list[Path]:
+    """Return the reports in a folder and its subfolders, readable or not."""
     try:
-        made = datetime.fromisoformat(json.loads(read_text(path, "report"))["made"])
-        return made.isoformat(), path.stat().st_mtime
-    except (ConfigError, ValueError, KeyError, TypeError, RecursionError, OSError):
-        return "", 0.0
+        folders = [path, *(each for each in path.iterdir() if each.is_dir())]
+        return [each / REPORT for each in folders if REPORT in os.listdir(each)]
+    except OSError as error:  # a glob would leave out what it may not look at
+        raise ConfigError(
+            f"report {error.filename}: cannot be read: {error.strerror}; correct its permissions"
+        ) from error
+
+
+def _made(path: Path) -> tuple[datetime, float]:
+    """Return when a report was made, and when its file was written.
+
+    Raises:
+        ConfigError: the report is damaged, so it cannot be said whether it is the newest.
+    """
+    try:
+        made = datetime.fromisoformat(_intact(path)["made"])
+        return made.astimezone(UTC), path.stat().st_mtime
+    except ConfigError as error:
+        raise ConfigError(f"{error}; it may be the newest of its folder") from error
+    except (ValueError, KeyError, TypeError, OverflowError, OSError) as error:
+        raise ConfigError(f"report {path}: does not say when it was made; move it away") from error

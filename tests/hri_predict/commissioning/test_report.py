@@ -1,6 +1,8 @@
 """The report: whole or refused."""
 
 import json
+import os
+import re
 from datetime import UTC, datetime
 
 import pytest
@@ -110,8 +112,7 @@ def test_the_newest_of_a_folder_is_found(tmp_path):
         made = report().model_copy(update={"made": AT.replace(day=day)})
         (tmp_path / name).mkdir()
         write_report(made, tmp_path / name)
-    (tmp_path / "broken").mkdir()
-    (tmp_path / "broken" / "report.json").write_text("{")
+    (tmp_path / "without").mkdir()
     assert find_report(tmp_path) == tmp_path / "b" / "report.json"
     assert find_report(tmp_path / "c") == tmp_path / "c" / "report.json"
     for missing in (tmp_path / "none", tmp_path / "none.json"):
@@ -120,6 +121,64 @@ def test_the_newest_of_a_folder_is_found(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(ConfigError, match=r"no report\.json"):
         find_report(tmp_path / "empty")
+
+
+@pytest.fixture
+def two(tmp_path):
+    """A folder of two reports; the path of the newer one."""
+    for name, day in (("jan", 3), ("jun", 9)):
+        (tmp_path / name).mkdir()
+        made = report().model_copy(update={"made": AT.replace(day=day)})
+        write_report(made, tmp_path / name)
+    return tmp_path / "jun" / "report.json"
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[:200])
+
+
+def emptied(path):
+    path.write_bytes(b"")
+
+
+def made_older(path):
+    path.write_text(path.read_text().replace("2026-03-09", "2025-03-09"))
+
+
+def linked_to_nothing(path):
+    path.unlink()
+    path.symlink_to("elsewhere.json")
+
+
+def of_no_day(path):
+    data = {"made": "yesterday"}
+    path.write_text(json.dumps(data | {"hash": hash_of(data)}))
+
+
+@pytest.mark.parametrize("damage", [cut, emptied, made_older, linked_to_nothing, of_no_day])
+def test_a_damaged_report_of_a_folder_is_named_and_no_older_one_is_used(two, damage):
+    damage(two)
+    with pytest.raises(ConfigError, match=re.escape(str(two))) as e:
+        find_report(two.parents[1])
+    assert "\n" not in str(e.value)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may look into any folder")
+def test_a_folder_that_may_not_be_looked_into_is_named(two):
+    two.parent.chmod(0)
+    try:
+        with pytest.raises(ConfigError, match=re.escape(str(two.parent))):
+            find_report(two.parents[1])
+    finally:
+        two.parent.chmod(0o755)
+
+
+def test_an_intact_report_of_another_version_does_not_hide_a_newer_one(two):
+    old = two.parents[1] / "jan" / "report.json"
+    data = {key: value for key, value in json.loads(old.read_text()).items() if key != "hash"}
+    data["format"] = 0
+    old.write_text(json.dumps(data | {"hash": hash_of(data)}))
+    assert find_report(two.parents[1]) == two
 
 
 @pytest.mark.parametrize(
