@@ -20,9 +20,11 @@ from pydantic import JsonValue
 from hri_predict import __version__
 from hri_predict.base.errors import ConfigError, HriPredictError
 from hri_predict.base.files import data_path
+from hri_predict.base.machine.compiled import why_not_compiled
 from hri_predict.base.settings import Settings
 from hri_predict.contracts import registry
 from hri_predict.contracts.joint_map import map_names
+from hri_predict.contracts.source import SourceSettings
 from hri_predict.operation.evidence.chain import file_hash
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.robots.file import robot_path
@@ -36,6 +38,8 @@ WRITTEN = ("record.file", "record.folder", "state.path", "evidence.folder")
 """Keys of files that the node writes: their content changes all the time."""
 SECRET = "key_file"
 """A short secret can be guessed from its hash, so reports do not include the content of a key."""
+SENSORS = "sensors"
+"""Key of a source for the sources that it combines."""
 ALERTS = "alerts."
 """Alert receivers do not affect advice, and these files are outputs or secrets."""
 
@@ -99,26 +103,32 @@ def _known(config: Config) -> Iterator[tuple[str, Path]]:
             yield "risk.coverage.calibration", base_dir / own
         elif shipped.is_file():
             yield "risk.coverage.calibration", shipped
-    joint_map = getattr(config.source, "joint_map", None)
-    if isinstance(joint_map, str) and joint_map in map_names():
-        yield "source.joint_map", data_path("skeletons", f"{joint_map}.yaml")
+    for key, source in _sources(config.source).items():
+        joint_map = getattr(source, "joint_map", None)
+        if isinstance(joint_map, str) and joint_map in map_names():
+            yield f"{key}.joint_map", data_path("skeletons", f"{joint_map}.yaml")
+
+
+def _sources(source: SourceSettings) -> dict[str, SourceSettings]:
+    """Return dotted key -> the source, and each source that it combines."""
+    parts = {f"{SENSORS}.{escaped(name)}": part for name, part in source.parts.items()}
+    return {"source": source} | {f"source.{key}": part for key, part in parts.items()}
 
 
 def _named(value: Any, base_dir: Path) -> Path | None:
-    """Return the file named by a text, relative to the configuration or to the current folder."""
+    """Return the file named by a text, relative to the configuration."""
     if not isinstance(value, str) or not value or "\0" in value:
         return None
-    for path in (base_dir / value, Path(value)):
-        if os.path.isfile(path):  # does not raise if the name is too long
-            return path
-    return None
+    path = base_dir / value
+    return path if os.path.isfile(path) else None  # does not raise if the name is too long
 
 
 # --------------------------------------------------------------------------------------------------
 
 MISSING = "missing"
-LIBRARIES = ("numpy", "torch", "onnxruntime", "pydantic")
-"""Libraries that compute or parse data on which the advice is based."""
+LIBRARIES = ("numpy", "numba", "llvmlite", "torch", "onnxruntime", "pydantic")
+"""Libraries that compute or parse data on which the advice is based; numba compiles loops of the
+risk stage."""
 
 
 class File(Settings):
@@ -188,6 +198,10 @@ def canonical(config: Config) -> dict[str, Any]:
     """Return the parsed configuration as plain data."""
     whole = config.node.model_dump(mode="json", exclude={"commissioning"})
     whole["source"] = config.source.model_dump(mode="json")
+    if parts := config.source.parts:  # as validated; its own block has them as they were written
+        whole["source"][SENSORS] = {
+            name: part.model_dump(mode="json") for name, part in parts.items()
+        }
     whole["predictor"] = config.predictor.model_dump(mode="json")
     whole["links"] = [link.model_dump(mode="json") for link in config.links]
     return whole
@@ -235,16 +249,16 @@ def versions() -> dict[str, str]:
             found[library] = version(library)
         except PackageNotFoundError:
             found[library] = MISSING
+    found["compiled loops"] = "no" if why_not_compiled() else "yes"
     return found
 
 
 def _foreign(config: Config) -> dict[str, str]:
     """Return the hashes of the code of third parties that the cell runs, like versions."""
-    source, predictor = config.source.kind, config.predictor
-    codes = {
-        f"the code of source '{source}'": registry.code_of_part("sources", source),
-        f"the code of predictor '{predictor.name}'": registry.code_of(predictor),
-    }
+    predictor = config.predictor
+    codes = {f"the code of predictor '{predictor.name}'": registry.code_of(predictor)}
+    for source in _sources(config.source).values():
+        codes[f"the code of source '{source.kind}'"] = registry.code_of_part("sources", source.kind)
     for link in config.links:
         codes[f"the code of link '{link.kind}'"] = registry.code_of_part("links", link.kind)
     return {text: code[:16] for text, code in codes.items() if code is not None}

@@ -6,6 +6,7 @@ conformance source:NAME`` checks the contract on any kind.
 """
 
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, Self, TypeVar, runtime_checkable
@@ -127,6 +128,11 @@ class SourceSettings(Settings):
         Its scenes then contain the doubts.
         """
         return False
+
+    @property
+    def parts(self) -> Mapping[str, "SourceSettings"]:
+        """Settings of the sources that this one combines, by name; by default none."""
+        return {}
 
     @property
     def known_places(self) -> list[list[float]]:

@@ -3,6 +3,7 @@
 import copy
 import re
 import shutil
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
+from hri_predict.commissioning import identity
 from hri_predict.commissioning.identity import MISSING, differences, flattened, identity_of
 from hri_predict.contracts import registry
 from hri_predict.run import config as configuration
@@ -274,3 +276,71 @@ def test_changed_code_of_a_third_party_is_a_difference(own, monkeypatch):
         "version of the code of predictor 'constant_velocity': 1a -> 1b",
         "version of the code of source 'procedural': (none) -> 2",
     ]
+
+
+def two_sensors(**of_front):
+    """A cell with two sensors."""
+    sensor = {"kind": "udp", "room_from_source": {"xyz": [0, 0, 0]}, "rate_hz": 30}
+    sensors = {"back": sensor | {"port": 9870}, "front": sensor | {"port": 9872} | of_front}
+    return cell_data(source={"kind": "merged", "sensors": sensors})
+
+
+def test_changed_code_of_one_of_several_sensors_is_a_difference(tmp_path, monkeypatch):
+    codes = {"udp": None}
+    monkeypatch.setattr(registry, "code_of_part", lambda kind, name: codes.get(name))
+    config = load_cell(tmp_path, two_sensors())
+    before = identity_of(config)
+    codes["udp"] = "2"
+    found = [str(each) for each in differences(before, identity_of(config))]
+    assert found == ["version of the code of source 'udp': (none) -> 2"]
+
+
+def test_the_joint_map_of_one_of_several_sensors_is_watched(tmp_path):
+    files = identity_of(load_cell(tmp_path, two_sensors(joint_map="coco17"))).files
+    shipped = str(data_path("skeletons", "coco17.yaml"))
+    assert files["source.sensors.front.joint_map"].path == shipped
+    (tmp_path / "mine.yaml").write_bytes(Path(shipped).read_bytes())
+    files = identity_of(load_cell(tmp_path, two_sensors(joint_map="mine.yaml"))).files
+    assert files["source.sensors.front.joint_map"].path == str(tmp_path / "mine.yaml")
+
+
+def test_how_one_of_several_sensors_is_written_makes_no_difference(tmp_path):
+    before = identity_of(load_cell(tmp_path, two_sensors()))
+    same = two_sensors(min_latency_s=0, room_from_source={"xyz": [0.0, 0.0, 0.0]})
+    assert differences(before, identity_of(load_cell(tmp_path, same))) == []
+    moved = two_sensors(room_from_source={"xyz": [0, 0, 0.1]})
+    assert [str(each) for each in differences(before, identity_of(load_cell(tmp_path, moved)))] == [
+        "source.sensors.front.room_from_source.xyz: [0.0, 0.0, 0.0] -> [0.0, 0.0, 0.1]"
+    ]
+
+
+@pytest.mark.parametrize("library", ["numba", "llvmlite", "numpy"])
+def test_a_library_that_computes_advice_is_watched_also_if_absent(library, monkeypatch):
+    real = identity.version
+
+    def without(name):
+        if name == library:
+            raise PackageNotFoundError(name)
+        return real(name)
+
+    monkeypatch.setattr(identity, "version", without)
+    assert identity.versions()[library] == MISSING
+    monkeypatch.setattr(identity, "version", lambda name: "1")
+    assert identity.versions()[library] == "1"
+
+
+def test_whether_loops_are_compiled_is_watched(monkeypatch):
+    for why, compiled in (("numba is not installed", "no"), ("", "yes")):
+        monkeypatch.setattr(identity, "why_not_compiled", lambda why=why: why)
+        assert identity.versions()["compiled loops"] == compiled
+
+
+def test_files_of_the_current_folder_do_not_count(tmp_path, monkeypatch):
+    """Texts such as a robot's name may be the names of files where ``check`` is run."""
+    (tmp_path / "cell").mkdir()
+    (tmp_path / "else").mkdir()
+    path = write_cell(tmp_path / "cell")
+    before = identity_of(configuration.load(path))
+    (tmp_path / "else" / cell_data()["robots"][0]["name"]).write_text("x")
+    monkeypatch.chdir(tmp_path / "else")
+    assert differences(before, identity_of(configuration.load(path))) == []
