@@ -67,14 +67,19 @@ def file_hash(path: Path) -> str:
 def append(folder: Path, entry: dict[str, Any], previous: str) -> str:
     """Append an entry after the entry with hash ``previous``; return the new entry's hash.
 
+    A last line that lost only its end, as after a power failure, is ended first.
+
     Raises:
         OSError: the log cannot be written.
     """
     linked = {**entry, **_continued(folder), "previous": previous}
     linked["hash"] = hash_of(linked)
     data = (json.dumps(linked) + "\n").encode()
-    with (folder / LOG).open("ab", buffering=0) as file:
-        whole = file.tell()
+    with (folder / LOG).open("a+b", buffering=0) as file:
+        whole = file.seek(0, os.SEEK_END)
+        if whole:
+            file.seek(-1, os.SEEK_END)
+            data = data if file.read(1) == b"\n" else b"\n" + data
         try:
             if file.write(data) != len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

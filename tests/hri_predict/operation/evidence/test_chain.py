@@ -103,6 +103,16 @@ def test_a_torn_log_is_set_aside_and_nothing_is_lost(tmp_path):
     assert chain.newest(tmp_path) == chain.START
 
 
+def test_a_last_line_that_lost_only_its_end_is_continued(tmp_path):
+    last = written(tmp_path)
+    log = tmp_path / chain.LOG
+    log.write_bytes(log.read_bytes().removesuffix(b"\n"))
+    assert chain.newest(tmp_path) == last
+    last = chain.append(tmp_path, {"kind": "stop"}, last)
+    assert wrongs(tmp_path) == []
+    assert (chain.newest(tmp_path), len(lines(tmp_path))) == (last, 5)
+
+
 @given(data=st.binary(max_size=300))
 def test_no_bytes_break_the_reader(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("any")
