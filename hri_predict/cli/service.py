@@ -3,6 +3,7 @@
 import os
 import shlex
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from string import ascii_letters, digits
 from typing import Annotated
@@ -11,9 +12,11 @@ import typer
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write, data_path, read_text
+from hri_predict.commissioning.identity import canonical, dependencies, flattened
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 
+_SETTINGS = "/etc/hri-predict"
 UNIT = "hri-predict@.service"
 _PROGRAM = "/opt/hri-predict/bin/hri-predict"  # as in the shipped unit
 _PLAIN = frozenset(f"{ascii_letters}{digits}/:_.-")
@@ -35,7 +38,8 @@ def service(
     loaded = configuration.load(config)
     cell = instance(loaded.path.stem)
     program = Path(sys.argv[0])
-    for line in [*unwritable(loaded, cell), *hidden(program)]:
+    to_copy, missing = own_files(loaded)
+    for line in [*unwritable(loaded, cell), *hidden(program), *missing]:
         print(f"warning: {line}", file=sys.stderr)
     text = unit_text(program, loaded)
     if folder is None:
@@ -51,12 +55,18 @@ def service(
     print(f"{path}: written. Next, as root:")
     print("  useradd --system --user-group hri-predict")
     for words in (
-        ["install", "-D", "-m", "0640", "-g", "hri-predict", str(config),
-         f"/etc/hri-predict/{cell}.yaml"],
+        _install(loaded.path, f"{cell}.yaml"),
+        *(_install(path, to, is_secret=_is_secret(key)) for key, path, to in to_copy),
         ["systemctl", "daemon-reload"],
         ["systemctl", "enable", "--now", f"hri-predict@{cell}"],
     ):  # fmt: skip
         print(f"  {shlex.join(words)}")
+
+
+def _install(path: Path, to: str, *, is_secret: bool = False) -> list[str]:
+    """Return the command that copies a file, so that the service may read it; a key by it alone."""
+    access = ["-m", "0400", "-o"] if is_secret else ["-m", "0640", "-g"]
+    return ["install", "-D", *access, "hri-predict", str(path), f"{_SETTINGS}/{to}"]
 
 
 def unit_text(program: Path, config: Config) -> str:
@@ -125,3 +135,49 @@ def hidden(program: Path) -> list[str]:
         f"ExecStart: the unit hides {program.absolute()} (ProtectHome, PrivateTmp); install the "
         f"node where a service may read it, such as /opt/hri-predict"
     ]
+
+
+def own_files(config: Config) -> tuple[list[tuple[str, Path, str]], list[str]]:
+    """Return the files that the service needs beside its configuration, and those it will not find.
+
+    Returns:
+        Key of the configuration, file, and its path in the folder of the service's configurations;
+        and one line with the remedy for each file that cannot be copied there or is hidden.
+    """
+    to_copy: dict[str, tuple[str, Path, str]] = {}
+    problems = []
+    for key, text, path in _named_files(config):
+        to = os.path.normpath(text)
+        if Path(text).is_absolute():
+            if any(Path(to).is_relative_to(place) for place in _HIDDEN):
+                problems.append(f"{key}: the unit hides {path} (ProtectHome, PrivateTmp); move it")
+        elif to.startswith(".."):
+            problems.append(f"{key}: {text} is outside {config.base_dir}; put it there")
+        elif not path.is_file():
+            problems.append(f"{key}: {path}: no such file, so the service will not find it either")
+        else:
+            to_copy.setdefault(to, (key, path, to))
+    report = config.node.commissioning
+    if report is not None and not Path(report.report).is_absolute():
+        problems.append(
+            f"commissioning.report: copy {config.base_dir / report.report}, with the other files "
+            f"of its folder, to {_SETTINGS}/{report.report}"
+        )
+    return list(to_copy.values()), problems
+
+
+def _named_files(config: Config) -> Iterator[tuple[str, str, Path]]:
+    """Return key, text and file of each file that the configuration names, and does not write."""
+    flat = flattened(canonical(config))
+    for key, path in dependencies(config, flat).items():
+        text = flat.get(key)
+        if isinstance(text, str) and config.base_dir / text == path:  # otherwise it is shipped
+            yield key, text, path
+    for key, text in flat.items():  # those that are no part of a cell's identity
+        if key.endswith("_file") and isinstance(text, str) and text:
+            yield key, text, config.base_dir / text
+
+
+def _is_secret(key: str) -> bool:
+    name = key.rpartition(".")[2]
+    return name.endswith(("_file", "_key")) and name != "ca_file"

@@ -11,7 +11,15 @@ from pathlib import Path
 import pytest
 
 from hri_predict.base.files import data_path
-from hri_predict.cli.service import UNIT, hidden, instance, service, unit_text, unwritable
+from hri_predict.cli.service import (
+    UNIT,
+    hidden,
+    instance,
+    own_files,
+    service,
+    unit_text,
+    unwritable,
+)
 from hri_predict.run import config as configuration
 from tests.hri_predict.operation.service.cells import cell, written
 
@@ -138,6 +146,67 @@ def test_the_unit_is_written_where_it_is_asked_for(tmp_path, capsys):
     service(config, tmp_path)
     assert "[Service]" in (tmp_path / UNIT).read_text(encoding="utf-8")
     assert f"{tmp_path / UNIT}: written" in capsys.readouterr().out
+
+
+@pytest.fixture
+def with_files(tmp_path):
+    """A cell whose robot, joint map and keys are files beside it."""
+    (tmp_path / "robots").mkdir()
+    shutil.copy(data_path("robots", "ur5e.yaml"), tmp_path / "robots" / "my arm.yaml")
+    shutil.copy(data_path("skeletons", "coco17.yaml"), tmp_path / "mine.yaml")
+    for name in ("scene.key", "hook.token"):
+        (tmp_path / name).write_text("secret")
+    hook = {"kind": "webhook", "url": "https://localhost/", "token_file": "hook.token"}
+    alerts = {"terminal": False, "file": "/var/log/hri-predict/cell/alerts.jsonl", "to": [hook]}
+    data = cell(alerts=alerts)
+    data["robots"][0]["model"] = "robots/my arm.yaml"
+    sensor = {"kind": "udp", "room_from_source": {"xyz": [0, 0, 0]}, "rate_hz": 30}
+    sensor |= {"joint_map": "mine.yaml", "key_file": "scene.key"}
+    other = sensor | {"joint_map": "coco17", "port": 9872}
+    data["source"] = {"kind": "merged", "sensors": {"left": sensor, "right": other}}
+    return tmp_path, data
+
+
+def test_each_file_beside_the_configuration_is_installed_beside_it(with_files, capsys):
+    folder, data = with_files
+    path = written(folder, data)
+    service(path, folder)
+    said = capsys.readouterr()
+    commands = [shlex.split(line) for line in said.out.splitlines() if line.startswith("  ")]
+    installed = {each[-2]: (each[3], each[-1]) for each in commands if each[0] == "install"}
+    assert installed == {
+        str(path): ("0640", f"/etc/hri-predict/{path.stem}.yaml"),
+        str(folder / "robots" / "my arm.yaml"): ("0640", "/etc/hri-predict/robots/my arm.yaml"),
+        str(folder / "mine.yaml"): ("0640", "/etc/hri-predict/mine.yaml"),
+        str(folder / "scene.key"): ("0400", "/etc/hri-predict/scene.key"),
+        str(folder / "hook.token"): ("0400", "/etc/hri-predict/hook.token"),
+    }
+    assert "warning" not in said.err
+
+
+def test_a_file_that_the_service_would_not_find_is_named(with_files):
+    folder, data = with_files
+    (folder / "scene.key").unlink()
+    (folder / "cell").mkdir()
+    data["robots"][0]["model"] = "../robots/my arm.yaml"
+    for sensor in data["source"]["sensors"].values():
+        sensor["key_file"] = "scene.key"
+    data["alerts"]["to"][0]["token_file"] = "/home/robot/hook.token"
+    data["source"]["sensors"]["left"]["joint_map"] = "coco17"
+    data["commissioning"] = "reports/report.json"
+    to_copy, lines = own_files(configuration.load(written(folder / "cell", data)))
+    assert to_copy == []
+    assert [line.split(":")[0] for line in lines] == [
+        "robots.arm.model",
+        "source.sensors.left.key_file",
+        "source.sensors.right.key_file",
+        "alerts.to.0.token_file",
+        "commissioning.report",
+    ]
+
+
+def test_a_cell_of_shipped_parts_needs_no_other_file():
+    assert own_files(configuration.load(data_path("demo.yaml"))) == ([], [])
 
 
 def test_a_program_that_the_unit_hides_is_told():
