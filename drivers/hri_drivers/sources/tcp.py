@@ -10,7 +10,7 @@ import select
 import socket
 import time
 from collections.abc import Callable, Iterator
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from pydantic import Field
 
@@ -31,6 +31,14 @@ class Splitter(Protocol):
 
     def feed(self, data: bytes) -> Iterator[bytes]:
         """Take bytes as they arrive; yield the units that they complete."""
+
+
+class _Sender(NamedTuple):
+    """A connection's splitter, the time of its last unit, and the address of its machine."""
+
+    splitter: Splitter
+    heard_s: float
+    machine: str
 
 
 class StreamServer:
@@ -59,13 +67,20 @@ class StreamServer:
         self._places = places
         self._counters = counters
         self._listener: socket.socket | None = None
-        self._senders: dict[socket.socket, tuple[Splitter, float]] = {}  # and time of last unit
+        self._senders: dict[socket.socket, _Sender] = {}
 
     @property
     def port(self) -> int:
         """The open port: the system's choice if 0 is configured."""
         assert self._listener is not None
         return int(self._listener.getsockname()[1])
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether two machines are connected and were heard recently."""
+        since_s = time.monotonic() - SILENT_S
+        machines = {each.machine for each in self._senders.values() if each.heard_s > since_s}
+        return len(machines) > 1
 
     def open(self) -> None:
         """Listen.
@@ -105,7 +120,7 @@ class StreamServer:
     def _accept(self) -> None:
         assert self._listener is not None
         try:
-            connection, _ = self._listener.accept()
+            connection, address = self._listener.accept()
         except OSError:  # it has gone again
             return
         if len(self._senders) >= self._places and not self._make_room():
@@ -115,17 +130,16 @@ class StreamServer:
         connection.setblocking(False)
         if self._counters.disconnects > self._counters.reconnects:
             self._counters.reconnects += 1
-        self._senders[connection] = (self._splitter(), time.monotonic())
+        self._senders[connection] = _Sender(self._splitter(), time.monotonic(), address[0])
 
     def _make_room(self) -> bool:
-        oldest = min(self._senders, key=lambda connection: self._senders[connection][1])
-        if time.monotonic() - self._senders[oldest][1] < SILENT_S:
+        oldest = min(self._senders, key=lambda connection: self._senders[connection].heard_s)
+        if time.monotonic() - self._senders[oldest].heard_s < SILENT_S:
             return False
         self._lose(oldest)
         return True
 
     def _receive(self, connection: socket.socket) -> list[bytes]:
-        splitter, _ = self._senders[connection]
         try:
             data = connection.recv(CHUNK)
         except BlockingIOError:
@@ -137,12 +151,13 @@ class StreamServer:
             return []
         units = self._units(connection, data)
         if units and connection in self._senders:
-            self._senders[connection] = (splitter, time.monotonic())
+            sender = self._senders[connection]
+            self._senders[connection] = sender._replace(heard_s=time.monotonic())
         return units
 
     def _units(self, connection: socket.socket, data: bytes) -> list[bytes]:
         """Return the units of one sender."""
-        return list(self._senders[connection][0].feed(data))
+        return list(self._senders[connection].splitter.feed(data))
 
     def _lose(self, connection: socket.socket) -> None:
         self._drop(connection)

@@ -207,10 +207,12 @@ class Assembler:
 
     Attributes:
         session: increases when the sample counter restarts.
+        refused: the newest datagram, if it was late or came twice.
     """
 
     def __init__(self, number: int, samples_per_scene: float, counters: SourceCounters) -> None:
         self.session = 0
+        self.refused: Datagram | None = None
         self._type = number
         self._step = samples_per_scene
         self._counters = counters
@@ -227,11 +229,13 @@ class Assembler:
 
     def add(self, datagram: Datagram) -> Sample | None:
         """Take one datagram; return the sample that it completes, if any."""
+        self.refused = None
         if datagram.type != self._type:
             self._counters.ignored += 1
             return None
         if not self._reach(datagram.sample):
             self._counters.out_of_order += 1
+            self.refused = datagram
             return None
         self._known.setdefault(datagram.character, 0)
         if self._given and datagram.character not in self._parts:
@@ -240,6 +244,7 @@ class Assembler:
         part = self._parts.setdefault(datagram.character, _Part())
         if datagram.index in part.indices:
             self._counters.replayed += 1
+            self.refused = datagram
             return None
         part.indices.add(datagram.index)
         if datagram.last:

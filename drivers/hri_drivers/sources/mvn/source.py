@@ -18,7 +18,7 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from hri_drivers.sources.live import LiveSettings, LiveSource, Receiver, sender_joints
+from hri_drivers.sources.live import LiveSettings, LiveSource, sender_joints
 from hri_drivers.sources.mvn.codec import (
     DEFAULT_PORT,
     EULER,
@@ -32,6 +32,7 @@ from hri_drivers.sources.mvn.codec import (
     StreamSplitter,
     parse,
 )
+from hri_drivers.sources.mvn.second_sender import NOTE, SecondSender
 from hri_drivers.sources.one_sender import OneSender
 from hri_drivers.sources.sent import SentPerson, SentScene
 from hri_drivers.sources.tcp import ALLOW_UNAUTHENTICATED, StreamServer, check_exposure
@@ -99,10 +100,6 @@ class MvnSettings(LiveSettings):
         return (self.sample_rate_hz or self.rate_hz) / self.rate_hz
 
 
-def _never() -> bool:
-    return False
-
-
 class MvnDecoder:
     """Turns datagrams into scenes; see ``hri_drivers.sources.live.Decoder``.
 
@@ -110,7 +107,7 @@ class MvnDecoder:
         settings: the source's.
         joint_map: names, units and axes of the segments.
         counters: counts packets and refusals.
-        contradicted: returns whether a second sender was heard recently.
+        contradicted: returns whether a second machine was heard recently.
     """
 
     def __init__(
@@ -118,7 +115,7 @@ class MvnDecoder:
         settings: MvnSettings,
         joint_map: JointMap,
         counters: SourceCounters,
-        contradicted: Callable[[], bool] = _never,
+        contradicted: Callable[[], bool] = lambda: False,
     ) -> None:
         self._settings = settings
         self._contradicted = contradicted
@@ -126,6 +123,7 @@ class MvnDecoder:
         self._counters = counters
         self._step = settings.samples_per_scene
         self._assembler = Assembler(TYPES[settings.type], self._step, counters)
+        self._second = SecondSender(counters, joint_map.scale_to_m)
         self._heard_type = False
         self._session = -1
         self._counter = self._sequence = 0
@@ -150,11 +148,19 @@ class MvnDecoder:
                 f"select Position + Orientation ({self._settings.type.capitalize()}) in MVN"
             )
         sample = self._assembler.add(datagram)
-        return [] if sample is None else [self._scene(sample)]
+        self._second.in_session(self._assembler.session, received_ns)
+        if self._assembler.refused is not None:
+            self._second.refused(self._assembler.refused, received_ns)
+        return [] if sample is None else [self._scene(sample, received_ns)]
 
-    def _scene(self, sample: Sample) -> SentScene:
+    def _scene(self, sample: Sample, received_ns: int) -> SentScene:
+        self._second.used(sample)
+        alone = not self._second.heard_lately(received_ns)
+        if self._contradicted():
+            alone = False
+            self._counters.note(NOTE)
         sees_room = self._settings.sees_room and self._is_human_sized(sample)
-        sees_room = sees_room and not self._contradicted()  # the other sender's people are unseen
+        sees_room = sees_room and alone  # the other sender's people are unseen
         if self._settings.stamp == "time_code":
             stamp_ns = sample.time_code_ms * 1_000_000
         else:
@@ -227,33 +233,30 @@ class MvnSource(LiveSource):
         joint_map = joint_map.with_units(METRES_PER_UNIT[settings.units or UNITS[number]])
         joint_map = joint_map.with_axes(settings.axes or AXES[number])
         counters = SourceCounters()
-        receiver: Receiver
-        contradicted = _never
-        if settings.protocol == "udp":
-            receiver = udp = OneSender(
-                settings.host,
-                settings.port,
-                largest=MAX_DATAGRAM,
-                counters=counters,
-                by_machine=True,  # MVN may use a port for each character
-            )
-
-            def contradicted() -> bool:
-                return udp.contradicted
-
-        else:
-            receiver = StreamServer(
-                host=settings.host,
-                port=settings.port,
-                splitter=StreamSplitter,
-                places=MAX_SENDERS,
-                counters=counters,
-            )
+        receiver = _receiver(settings, counters)
         super().__init__(
             settings=settings,
             receiver=receiver,
-            decoder=MvnDecoder(settings, joint_map, counters, contradicted),
+            decoder=MvnDecoder(settings, joint_map, counters, lambda: receiver.contradicted),
             counters=counters,
             joint_map=joint_map,
             clock=clock,
         )
+
+
+def _receiver(settings: MvnSettings, counters: SourceCounters) -> OneSender | StreamServer:
+    if settings.protocol == "udp":
+        return OneSender(
+            settings.host,
+            settings.port,
+            largest=MAX_DATAGRAM,
+            counters=counters,
+            by_machine=True,  # MVN may use a port for each character
+        )
+    return StreamServer(
+        host=settings.host,
+        port=settings.port,
+        splitter=StreamSplitter,
+        places=MAX_SENDERS,
+        counters=counters,
+    )

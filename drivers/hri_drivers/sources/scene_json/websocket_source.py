@@ -133,7 +133,7 @@ class WebSocketServer(StreamServer):
         )
 
     def _units(self, connection: socket.socket, data: bytes) -> list[bytes]:
-        splitter = self._senders[connection][0]
+        splitter = self._senders[connection].splitter
         assert isinstance(splitter, WebSocketSplitter)
         messages = list(splitter.feed(data))
         try:

@@ -195,6 +195,24 @@ def test_a_second_machine_is_refused_and_hides_the_room(hear: Hear) -> None:
     assert (ear.counters.refused, ear.counters.restarts) == (1, 0)
 
 
+def test_over_tcp_a_second_machine_hides_the_room(hear: Hear) -> None:
+    try:
+        socket.create_server(("127.0.0.2", 0)).close()
+    except OSError:
+        pytest.skip("this system has no 127.0.0.2")
+    ear = hear("mvn", port=0, protocol="tcp", sees_room=True)
+    mvn = Mvn(ear.port, tcp=True)
+    mvn.send(*mvn_sender.quaternions(1, 10, 0, mvn_at(1.0, 2.0)))
+    assert ear.scene().sees_room
+    other = Mvn(ear.port, tcp=True, host="127.0.0.2")
+    other.send(mvn_sender.time_code(9000, 0))
+    ear.wait(lambda: ear.counters.ignored == 1)
+    mvn.send(*mvn_sender.quaternions(2, 20, 0, mvn_at(1.0, 2.0)))
+    assert not ear.scene().sees_room
+    assert "two programs send to this port" in ear.counters.last_error
+    other.close()
+
+
 def test_a_port_that_is_taken_says_what_to_do(hear: Hear) -> None:
     for protocol in ("udp", "tcp"):
         first = hear("mvn", port=0, protocol=protocol, sees_room=True)
