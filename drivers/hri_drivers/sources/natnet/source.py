@@ -302,8 +302,18 @@ class NatNetReader:
             raise FrameError(
                 "a skeleton without a model definition; requesting the definitions again"
             )
+        if not models:
+            self._counters.note(
+                "natnet: Motive has no skeleton or does not stream it, so no person is seen; "
+                "create a skeleton for each person and enable Skeletons in its streaming settings"
+            )
         people = [self._person(k, pose, models[k]) for k, pose in frame.skeletons.items()]
-        return Frame(stamp_ns=stamp_of_s(frame.time_s), number=frame.number, people=tuple(people))
+        return Frame(
+            stamp_ns=stamp_of_s(frame.time_s),
+            number=frame.number,
+            people=tuple(people),
+            tracks=bool(models),
+        )
 
     def _person(self, number: int, pose: Pose, bones: Mapping[int, Bone]) -> SentPerson:
         if _is_local(pose, bones):
@@ -325,8 +335,12 @@ class NatNetReader:
 
 
 def _is_local(pose: Pose, bones: Mapping[int, Bone]) -> bool:
-    """Whether every bone except the root is at its offset from its parent."""
-    children = [k for k in pose.positions if k in bones and bones[k].parent != 0]
+    """Whether every measured bone except the root is at its offset from its parent."""
+    children = [
+        k
+        for k in pose.tracked & bones.keys()
+        if bones[k].parent != 0 and np.isfinite(pose.positions[k]).all()
+    ]
     return bool(children) and all(
         float(np.abs(pose.positions[k] - bones[k].offset).max(initial=0.0)) < LOCAL_M
         for k in children

@@ -191,11 +191,21 @@ class QtmReader:
                 "the skeletons differ from the parameters; requesting the parameters again"
             )
         self.wanted = None
+        if not self._names:
+            self._counters.note(
+                "qualisys: QTM has no skeleton, so no person is seen; define a skeleton for each "
+                "person and solve skeletons in QTM's real-time actions"
+            )
         people = [
             self._person(name, parts, segments)
             for (name, parts), segments in zip(self._names, frame.skeletons, strict=True)
         ]
-        return Frame(stamp_ns=frame.time_us * 1000, number=frame.number, people=tuple(people))
+        return Frame(
+            stamp_ns=frame.time_us * 1000,
+            number=frame.number,
+            people=tuple(people),
+            tracks=bool(self._names),
+        )
 
     def _person(self, name: str, parts: Mapping[int, str], segments: Segments) -> SentPerson:
         if not set(parts.values()) & set(self._joints):

@@ -83,6 +83,34 @@ def test_bones_in_local_coordinates_are_refused_by_name() -> None:
         Client().read(natnet.frame(1, 1.0, {3: JOINTS}, local=True))
 
 
+@pytest.mark.parametrize("at", [0.0, np.nan, np.inf])
+@pytest.mark.parametrize("tracked", [False, True])
+def test_a_bone_that_is_not_measured_does_not_hide_local_coordinates(
+    at: float, tracked: bool
+) -> None:
+    if tracked and at == 0.0:
+        pytest.skip("a measured bone that is not at its offset: not local coordinates")
+    lost = natnet.BONES.index("LHand") + 1
+    frame = natnet.frame(
+        1, 1.0, {3: JOINTS}, local=True, untracked=[] if tracked else ["LHand", "RHand"]
+    )
+    there, moved = (pack("<i3f", 3 << 16 | lost, *place) for place in (natnet.OFFSET, (at, at, at)))
+    assert frame.count(there) == 1
+    with pytest.raises(FrameError, match="a relative stream: bones are in local coordinates"):
+        Client().read(frame.replace(there, moved))
+
+
+def test_without_any_skeleton_the_room_is_not_seen() -> None:
+    client = Client(knows=False)
+    client.read(natnet.server_info(), natnet.model_definitions({}))
+    (frame,) = client.read(natnet.frame(1, 1.0, {}))
+    assert not frame.tracks
+    assert "enable Skeletons" in str(client.counters.last_error)
+    client.read(natnet.model_definitions(NAMES))
+    (frame,) = client.read(natnet.frame(2, 1.01, {}))
+    assert frame.tracks
+
+
 def test_a_frame_without_skeletons_is_a_scene_without_people() -> None:
     (frame,) = Client().read(natnet.frame(1, 1.0, {}))
     assert frame.people == ()

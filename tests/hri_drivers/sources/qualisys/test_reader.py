@@ -99,6 +99,15 @@ def test_segments_in_local_coordinates_are_refused_by_name() -> None:
         Client().read(qualisys.data(1, 1, {"Ann": JOINTS, "Bob": JOINTS}, local=True))
 
 
+def test_without_any_skeleton_the_room_is_not_seen() -> None:
+    client = Client(knows=False)
+    client.read(*GREETING[:2], qualisys.parameters([]))
+    (frame,) = client.read(qualisys.data(1, 1_000_000, {}))
+    assert not frame.tracks
+    assert client.reader.wanted is None
+    assert "define a skeleton for each person" in str(client.counters.last_error)
+
+
 def test_other_skeletons_are_asked_for_again() -> None:
     client = Client()
     with pytest.raises(FrameError, match="requesting the parameters again"):
