@@ -10,6 +10,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
+from hri_predict.protocol.e2e import RESYNC
 from hri_predict.protocol.keyed import Keyed, KeyedReceiver, split_key
 from hri_predict.protocol.messages import Advice, Message, NodeState, Schema, Status
 from hri_predict.protocol.reception import FORGET_S, SchemaGate
@@ -24,6 +25,7 @@ DISPUTE = 3  # refused Status messages within DISPUTE_S; a restarted node causes
 SILENT = "silent"
 UNKNOWN = "unknown"
 NO_SCHEMA = "no schema received yet"
+DISPUTED = "out of order: the node restarted, or two nodes use one key"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +88,13 @@ class _Cell:
     disputed_ns: deque[int] = field(default_factory=lambda: deque(maxlen=DISPUTE))
     refused: int = 0
     out_of_order: int = 0
+    jumped: int = 0  # Status messages refused in a row: a restarted node begins with some
+    restarted_ns: int | None = None  # until the robots of the node before are forgotten
+
+    @property
+    def first_disputed_ns(self) -> int | None:
+        """Time of the first of the newest ``DISPUTE`` refused Status messages."""
+        return self.disputed_ns[0] if len(self.disputed_ns) == DISPUTE else None
 
     def take(self, unit: Keyed, now_ns: int) -> bool:
         """Return whether a level or the node's state changed."""
@@ -108,8 +117,17 @@ class _Cell:
             self.out_of_order += out_of_order
             if out_of_order and unit.key == "status":
                 self.disputed_ns.append(now_ns)
+                self.jumped += 1
         for message in messages:
             self._note(message, now_ns)
+        self._forget_robots(now_ns)
+
+    def _forget_robots(self, now_ns: int) -> None:
+        """Forget robots that a restarted node has not advised for ``FORGET_S`` since."""
+        since_ns = self.restarted_ns
+        if since_ns is not None and now_ns - since_ns > FORGET_S * 1e9:
+            self.restarted_ns = None
+            self.advices = {k: each for k, each in self.advices.items() if each[1] >= since_ns}
 
     def _note(self, message: Message, now_ns: int) -> None:
         if now_ns - self.heard_ns > FORGET_S * 1e9:
@@ -117,6 +135,9 @@ class _Cell:
         self.heard_ns = now_ns
         if isinstance(message, Status):
             self.status, self.status_ns = message, now_ns
+            if self.jumped >= RESYNC - 1:
+                self.restarted_ns = now_ns
+            self.jumped = 0
         elif isinstance(message, Schema):
             self.schema.take(message)
         elif isinstance(message, Advice):
@@ -166,8 +187,10 @@ class Fleet:
 
     def _row(self, site: str, name: str, cell: _Cell, now_ns: int) -> CellRow:
         status, since_ns = cell.status, now_ns - cell.status_ns
-        silent = status is None or since_ns > self._silent_ns
-        why = self._trouble(cell, silent, now_ns)
+        first_ns = cell.first_disputed_ns
+        disputed = first_ns is not None and now_ns - first_ns < DISPUTE_S * 1e9
+        silent = not disputed and (status is None or since_ns > self._silent_ns)
+        why = DISPUTED if disputed else self._trouble(cell, silent)
         holds = status is not None and not why
         return CellRow(
             site=site,
@@ -185,7 +208,7 @@ class Fleet:
             refused=cell.refused,
         )
 
-    def _trouble(self, cell: _Cell, silent: bool, now_ns: int) -> str:
+    def _trouble(self, cell: _Cell, silent: bool) -> str:
         """Return why the cell's report is not trusted; empty if it is."""
         if silent:
             stopped = cell.status is not None and cell.status.node_state is NodeState.STOPPING
@@ -194,16 +217,13 @@ class Fleet:
             return NO_SCHEMA
         if not cell.schema.open:
             return "the node uses another version of the protocol"
-        first_ns = cell.disputed_ns[0] if len(cell.disputed_ns) == DISPUTE else None
-        if first_ns is not None and now_ns - first_ns < DISPUTE_S * 1e9:
-            return "out of order: the node restarted, or two nodes use one key"
         return ""
 
     def _robot(self, advice: Advice, heard_ns: int, instead: str | None, now_ns: int) -> RobotRow:
         """Return a robot's row; ``instead`` replaces its level if the cell is not trusted."""
         since_ns = now_ns - heard_ns
         age_s = _age_s(advice, since_ns)
-        if since_ns > self._silent_ns:
+        if instead is None and since_ns > self._silent_ns:
             instead = SILENT
         elif instead is None and (age_s is None or age_s > MAX_AGE_S) and advice.level in (1, 2, 3):
             instead = UNKNOWN  # it permits motion on an old capture

@@ -123,6 +123,33 @@ def test_after_a_silence_only_robots_that_are_advised_are_shown() -> None:
     assert [(r.robot, r.level) for r in only(fleet, later_ns + S // 10).robots] == [(0, "clear")]
 
 
+def test_after_a_fast_restart_only_robots_that_are_advised_are_shown() -> None:
+    """Within a second, no silence tells that another node sends now, with fewer robots."""
+    fleet = Fleet()
+    node = Node(fleet)
+    for i in range(100):
+        node.say(i * S // 25, OURS, RUNNING, CLEAR, replace(CLEAR, robot=1))
+    fresh = Node(fleet)
+    for i in range(107, 160):
+        fresh.say(i * S // 25, OURS, RUNNING, CLEAR)
+        shown = [(r.robot, r.level) for r in only(fleet, i * S // 25).robots]
+        if i == 115:
+            assert shown == [(0, "clear"), (1, "silent")]  # it may still begin to advise it
+    assert shown == [(0, "clear")]
+
+
+def test_a_robot_that_is_no_longer_advised_stays_silent_whatever_is_lost() -> None:
+    fleet = Fleet()
+    node = Node(fleet)
+    node.say(0, OURS, RUNNING, CLEAR, replace(CLEAR, robot=1))
+    late = node.sender.encode(RUNNING)
+    for i in range(1, 100):
+        node.say(i * S // 25, OURS, RUNNING, CLEAR)
+        if i % 20 == 0:
+            fleet.take(replace(late, key=prefix("plant", "a") + late.key), i * S // 25)
+    assert [r.level for r in only(fleet, 100 * S // 25).robots] == ["clear", "silent"]
+
+
 def test_an_old_or_unknown_capture_permits_nothing() -> None:
     for age_s in (None, 1.1):
         fleet = Fleet()
@@ -145,6 +172,24 @@ def test_two_nodes_under_one_key_are_unknown() -> None:
         if i > 10:
             assert only(fleet, now_ns).robots[0].level == "unknown"
     assert "two nodes" in only(fleet, now_ns).why
+
+
+def test_two_nodes_of_which_none_is_believed_are_not_silent() -> None:
+    """In step, each refuses the other's sequence: nothing is accepted, but much is received."""
+    fleet = Fleet()
+    node = Node(fleet)
+    for i in range(60):
+        node.say(i * S // 20, OURS, RUNNING, CLEAR)
+    one, other = Node(fleet), Node(fleet)
+    for i in range(50):
+        now_ns = 5 * S + i * S // 20
+        for each in (one, other):
+            each.say(now_ns, RUNNING, CLEAR)
+        if i > 3:
+            row = only(fleet, now_ns)
+            assert (row.state, row.robots[0].level) == ("unknown", "unknown")
+            assert "two nodes use one key" in row.why
+    assert only(fleet, now_ns + 2 * S).why == "no messages"
 
 
 def test_a_restarted_node_is_believed_again_at_once() -> None:
