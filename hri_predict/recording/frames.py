@@ -1,11 +1,11 @@
 """A recording as arrays at one rate, for formats that hold only frames of joints.
 
 These formats cannot distinguish "the room is empty" from "not seen". Both become unobserved joints,
-the cautious choice, and are counted.
+the cautious choice, and are counted. So do people in scenes that their source doubted.
 """
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -59,13 +59,15 @@ def frames_of(recording: Recording) -> Frames:
     """Return all people of a recording in even frames; missing frames have no joints.
 
     Raises:
-        RecordingError: it shows no person, or is too long for the memory.
+        RecordingError: it shows no person whom its source did not doubt, or is too long for the
+            memory.
     """
+    recording = _without_doubted(recording)
     ids = people_of(recording)
     if not ids:
         raise RecordingError(
-            f"recording {recording.path}: shows no person; this format holds only people: choose "
-            f".csv or .mcap"
+            f"recording {recording.path}: shows no person without doubt; this format holds only "
+            f"people: choose .csv or .mcap"
         )
     slots, rate_hz = _slots(recording)
     joints = recording.joint_map.source_joints
@@ -79,7 +81,7 @@ def frames_of(recording: Recording) -> Frames:
             positions[slot, column[person.id]] = np.where(seen[:, None], person.positions, np.nan)
         if scene.sees_room:
             written.dropped["absences of a person"] += len(ids) - len(scene.people)
-        else:
+        elif not scene.doubts:
             written.dropped["scenes of a blind source"] += 1
     empty = slots[-1] + 1 - len(slots)
     if empty:
@@ -100,6 +102,7 @@ def frames_of_one(recording: Recording) -> Frames:
     Raises:
         RecordingError: see ``frames_of``.
     """
+    recording = _without_doubted(recording)
     counts = Counter(person.id for scene in recording.scenes for person in scene.people)
     others = 0
     if counts:
@@ -111,6 +114,18 @@ def frames_of_one(recording: Recording) -> Frames:
             f"the format holds one person: {frames.ids[0]} is written; choose with --person"
         )
     return frames
+
+
+def _without_doubted(recording: Recording) -> Recording:
+    """Return the recording without the people in scenes that their source doubted.
+
+    A frame cannot say that its people are in doubt, and a replay would rely on them.
+    """
+    scenes = [
+        replace(scene, people=(), sees_room=False) if scene.doubts else scene
+        for scene in recording.scenes
+    ]
+    return replace(recording, scenes=scenes)
 
 
 def _slots(recording: Recording) -> tuple[list[int], float]:

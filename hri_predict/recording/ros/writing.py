@@ -194,7 +194,7 @@ def write_bag(path: Path, recording: Recording, storage: str) -> Written:
 
     Raises:
         ConfigError: rosbags is not installed.
-        RecordingError: bodies have too many joints, or scenes too many people.
+        RecordingError: bodies have too many joints, scenes too many people, or nothing is left.
         OSError: it cannot be written.
     """
     store = typestore("jazzy")  # says what is missing
@@ -296,6 +296,11 @@ def _check(recording: Recording) -> None:
         raise RecordingError(
             f"recording {recording.path}: has {joints} joints, and a bag's bodies have at most "
             f"{IDS_PER_BODY}; convert it to csv or mcap"
+        )
+    if recording.outputs_ns is None and not any(scene.sees_room for scene in recording.scenes):
+        raise RecordingError(
+            f"recording {recording.path}: its source never saw the room without doubt, and a bag "
+            f"holds no other scenes; convert it to csv or mcap"
         )
     most = max(len(scene.people) for scene in recording.scenes)
     if most > MAX_PEOPLE:
