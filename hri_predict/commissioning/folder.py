@@ -3,7 +3,7 @@
 import json
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -27,10 +27,11 @@ from hri_predict.commissioning.report import (
     Signature,
     Steps,
     Stop,
+    Stopping,
     Times,
     write_report,
 )
-from hri_predict.commissioning.stopping import worst
+from hri_predict.commissioning.walk import less_safe_walk
 from hri_predict.run.config import Config
 from hri_predict.run.review.less_safe import less_safe_settings
 
@@ -79,13 +80,17 @@ def save(folder: Path, config: Config, state: State) -> tuple[Report, str]:
     Raises:
         ConfigError: the folder cannot be written.
     """
+    walk = state.steps.walk.result if state.steps.walk is not None else None
     report = Report(
         cell=config.path.name,
         config_path=os.path.relpath(config.path.absolute(), folder.absolute()),
         made=datetime.now(UTC).replace(microsecond=0),
         identity=identity_of(config),
         steps=state.steps,
-        less_safe=[str(each) for each in less_safe_settings(config)],
+        less_safe=[
+            *(str(each) for each in less_safe_settings(config)),
+            *(less_safe_walk(walk) if walk is not None else ()),
+        ],
         notes=state.notes,
         signatures=state.signatures,
     )
@@ -114,6 +119,22 @@ def page_of(report: Report, digest: str) -> str:
         times=_times,
         plain=lambda value: json.dumps(value, ensure_ascii=False),
     )
+
+
+def worst(stopping: Stopping) -> Mapping[tuple[str, float], Stop]:
+    """Return by robot and given speed the stop that used most of its allowed time or distance."""
+    found: dict[tuple[str, float], Stop] = {}
+    for stop in stopping.stops:
+        key = stop.robot, stop.stated_m_s
+        if key not in found or _share(stop) > _share(found[key]):
+            found[key] = stop
+    return found
+
+
+def _share(stop: Stop) -> float:
+    took = stop.total_s if stop.total_s is not None else stop.braking_s
+    went = stop.total_m if stop.total_m is not None else stop.braking_m
+    return max(took / max(stop.allowed_s, 1e-6), went / max(stop.allowed_m, 1e-6))
 
 
 def _date(at: datetime) -> str:

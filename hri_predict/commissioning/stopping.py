@@ -17,7 +17,8 @@ import numpy as np
 from hri_predict.base.clock import Clock
 from hri_predict.commissioning.bench import Bench, bench
 from hri_predict.commissioning.governed_link import GovernedLink
-from hri_predict.commissioning.report import Curve, Stop, Stopping
+from hri_predict.commissioning.report import Stop, Stopping
+from hri_predict.commissioning.typed_stops import NEAR, curves_of
 from hri_predict.contracts.link import Link, Received
 from hri_predict.node.listeners import Listener
 from hri_predict.protocol.messages import RobotState
@@ -28,15 +29,14 @@ from hri_predict.run import assemble
 from hri_predict.run.config import Config
 
 PARTS = (0.25, 0.5, 0.75, 1.0)
-NEAR = 0.95
-"""Fraction of the given speed at which the stop is commanded."""
 STOPS_WITHIN_S = 10.0
 """A robot that still moves after this time has failed to stop."""
 RESTS_S = 0.3
 """Minimum time for which a robot must be slow to count as standing."""
 _ONSET = 0.97
 """Braking starts when the speed was last above this fraction of its maximum: noise is ignored."""
-_CURVE_STEPS = 40
+SEEN_AGAIN_S = 0.1
+"""A RobotState that comes within this time, or two usual intervals, was not missing."""
 Sample = tuple[int, float]
 """Receipt time of a RobotState (node's clock, ns), and the speed of the fastest point, m/s."""
 
@@ -57,16 +57,6 @@ class StoppingTrials:
         return list(self.speeds_m_s) or [round(part * robot.max_speed_m_s, 3) for part in PARTS]
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredStop:
-    """A stop measured by the integrator, from the onset of braking to standstill."""
-
-    robot: str
-    speed_m_s: float
-    time_s: float
-    distance_m: float
-
-
 @dataclass(slots=True)
 class _Trial:
     """One robot at one speed, with the samples recorded after the stop command."""
@@ -78,6 +68,7 @@ class _Trial:
     commanded_ns: int | None = None
     samples: list[Sample] = field(default_factory=list)
     ended: bool = False
+    ended_ns: int = 0
 
 
 class StopTest(Listener):
@@ -164,10 +155,11 @@ class StopTest(Listener):
             if reached or late:
                 now.commanded_ns = now_ns
             elif since_s >= 2 * self._plan.wait_s:
-                now.ended = True
+                now.ended, now.ended_ns = True, now_ns
             return
         stopping_s = (now_ns - now.commanded_ns) * 1e-9
         now.ended = stopping_s >= STOPS_WITHIN_S or self._rests(now, now_ns)
+        now.ended_ns = now_ns
 
     @staticmethod
     def _rests(now: _Trial, now_ns: int) -> bool:
@@ -206,45 +198,31 @@ def measure_stops(
     test = StopTest(models, plan, moving)
     with bench(config, clock) as end:
         _run(end, test, progress)
-    stops: list[Stop] = []
-    for trial in test.trials:
+    stops, unmeasured = _measured(config, models, budget, test.trials)
+    return Stopping(stops=stops, curves=curves_of(config, models)), [*missing, *unmeasured]
+
+
+def _measured(
+    config: Config, models: Sequence[RobotModel], budget: DelayBudget, trials: Sequence[_Trial]
+) -> tuple[list[Stop], list[str]]:
+    """Return the stops of these trials, and one line for each speed that was not measured."""
+    stops, missing = [], []
+    for trial in trials:
         settings, model = config.node.robots[trial.robot], models[trial.robot]
-        stop = _stop_of(trial, settings, model, budget)
+        stop, gap_s = _stop_of(trial, settings, model, budget), _missing_s(trial, settings)
+        if gap_s is not None and not _fails(trial, stop, gap_s):
+            missing.append(
+                f"robot {settings.name}: RobotState was missing for {gap_s:.2g} s during the stop "
+                f"from {trial.stated_m_s:g} m/s, so it was not measured; repeat the step"
+            )
+            continue
         if stop is None or stop.speed_m_s < NEAR * NEAR * trial.stated_m_s:
             missing.append(
                 f"robot {settings.name}: never reached {trial.stated_m_s:g} m/s; the fastest was "
                 f"{trial.fastest_m_s:.2f} m/s"
             )
         stops += [] if stop is None else [stop]
-    return Stopping(stops=stops, curves=_curves(config, models)), list(dict.fromkeys(missing))
-
-
-def typed_stops(config: Config, measured: Sequence[MeasuredStop]) -> Stopping:
-    """Compare stops measured by the integrator with the stopping tables."""
-    models = {model.name: model for model in assemble.build_robots(config)}
-    stops = []
-    for each in measured:
-        table_s, table_m = models[each.robot].stopping(each.speed_m_s)
-        stops.append(
-            Stop(
-                robot=each.robot,
-                stated_m_s=each.speed_m_s,
-                speed_m_s=each.speed_m_s,
-                total_s=None,
-                total_m=None,
-                braking_s=each.time_s,
-                braking_m=each.distance_m,
-                table_s=table_s,
-                table_m=table_m,
-                allowed_s=table_s,
-                allowed_m=table_m,
-                resolution_s=0.0,
-                measured_by="integrator",
-                stood=True,
-                passed=each.time_s <= table_s and each.distance_m <= table_m,
-            )
-        )
-    return Stopping(stops=stops, curves=_curves(config, list(models.values())))
+    return stops, list(dict.fromkeys(missing))
 
 
 def judge_stops(stopping: Stopping) -> list[str]:
@@ -311,7 +289,8 @@ def _stop_of(
     )
     stood = samples[-1][1] < STANDS_M_S
     onset = max(i for i, (_, speed) in enumerate(samples[: rest + 1]) if speed >= _ONSET * peak)
-    resolution_s = max(b - a for (a, _), (b, _) in pairwise(samples)) * 1e-9
+    # a gap says nothing about the robot, so it buys no time: see _missing_s
+    resolution_s = min(_longest_gap_s(trial), _usual_s(trial, settings))
     braking_s = (samples[rest][0] - samples[onset][0]) * 1e-9
     braking_m = _travel(samples[onset : rest + 1])
     first = [(command_ns, samples[0][1]), *(each for each in samples if each[0] > command_ns)]
@@ -323,7 +302,7 @@ def _stop_of(
     # the command goes out within the tick; RobotState tells of the rest a sample late
     late_s = terms["encoding"] + terms["link_delay"] + terms["reaction"] + state_s + resolution_s
     allowed_s, allowed_m = late_s + table_s, peak * late_s + table_m
-    return Stop(
+    stop = Stop(
         robot=settings.name,
         stated_m_s=trial.stated_m_s,
         speed_m_s=round(peak, 4),
@@ -338,48 +317,52 @@ def _stop_of(
         resolution_s=round(resolution_s, 4),
         measured_by="node",
         stood=stood,
-        passed=stood
-        and total_s <= allowed_s
-        and total_m <= allowed_m
-        # the onset is known to one sample, and so is the rest
-        and braking_s <= table_s + 2 * resolution_s
-        and braking_m <= table_m + 2 * peak * resolution_s,
+        passed=False,
     )
+    return stop.model_copy(update={"passed": stood and _is_within(stop)})
+
+
+def _is_within(stop: Stop, more_s: float = 0.0) -> bool:
+    """Whether a stop is within what is allowed, with times known ``more_s`` less exactly."""
+    more_m, unsure_s = stop.speed_m_s * more_s, stop.resolution_s + more_s
+    return (
+        (stop.total_s or 0.0) <= stop.allowed_s + more_s
+        and (stop.total_m or 0.0) <= stop.allowed_m + more_m
+        # the onset is known to one sample, and so is the rest
+        and stop.braking_s <= stop.table_s + 2 * unsure_s
+        and stop.braking_m <= stop.table_m + 2 * stop.speed_m_s * unsure_s
+    )
+
+
+def _longest_gap_s(trial: _Trial) -> float:
+    return max((b - a for (a, _), (b, _) in pairwise(trial.samples)), default=0) * 1e-9
+
+
+def _usual_s(trial: _Trial, settings: RobotSettings) -> float:
+    """Return the longest time without a RobotState that is usual for this robot."""
+    between = [b - a for (a, _), (b, _) in pairwise(trial.samples)]
+    usual_s = max(SEEN_AGAIN_S, 2e-9 * float(np.median(between or [0])))
+    stale_s = settings.motion.stale_s if isinstance(settings.motion, StateMotion) else usual_s
+    return min(usual_s, stale_s)
+
+
+def _missing_s(trial: _Trial, settings: RobotSettings) -> float | None:
+    """Return for how long RobotState was missing during a stop; ``None``: it was not."""
+    if trial.commanded_ns is None or not trial.samples:
+        return None
+    gap_s = max(_longest_gap_s(trial), (trial.ended_ns - trial.samples[-1][0]) * 1e-9)
+    return gap_s if gap_s > _usual_s(trial, settings) else None
+
+
+def _fails(trial: _Trial, stop: Stop | None, gap_s: float) -> bool:
+    """Whether a stop fails however the robot moved while RobotState was missing."""
+    if stop is None:
+        return False
+    if not stop.stood:
+        return (trial.ended_ns - trial.samples[-1][0]) * 1e-9 < gap_s  # it was seen to move on
+    return not _is_within(stop, gap_s - stop.resolution_s)
 
 
 def _travel(samples: Sequence[Sample]) -> float:
     """Return the distance travelled by the fastest point, at the higher speed of each interval."""
     return sum(max(u, v) * (b - a) * 1e-9 for (a, u), (b, v) in pairwise(samples))
-
-
-def _curves(config: Config, models: Sequence[RobotModel]) -> list[Curve]:
-    curves = []
-    for settings, model in zip(config.node.robots, models, strict=True):
-        top = settings.max_speed_m_s
-        speeds = [top * (i + 1) / _CURVE_STEPS for i in range(_CURVE_STEPS)]
-        rows = [model.stopping(speed) for speed in speeds]
-        curves.append(
-            Curve(
-                robot=settings.name,
-                speed_m_s=[round(speed, 4) for speed in speeds],
-                time_s=[round(time_s, 4) for time_s, _ in rows],
-                distance_m=[round(distance_m, 4) for _, distance_m in rows],
-            )
-        )
-    return curves
-
-
-def worst(stopping: Stopping) -> Mapping[tuple[str, float], Stop]:
-    """Return by robot and given speed the stop that used most of its allowed time or distance."""
-    found: dict[tuple[str, float], Stop] = {}
-    for stop in stopping.stops:
-        key = stop.robot, stop.stated_m_s
-        if key not in found or _share(stop) > _share(found[key]):
-            found[key] = stop
-    return found
-
-
-def _share(stop: Stop) -> float:
-    took = stop.total_s if stop.total_s is not None else stop.braking_s
-    went = stop.total_m if stop.total_m is not None else stop.braking_m
-    return max(took / max(stop.allowed_s, 1e-6), went / max(stop.allowed_m, 1e-6))

@@ -21,6 +21,8 @@ from hri_predict.run.session import run as run_session
 
 RECORDING = "walk.mcap"
 ADVICES = "walk-advices.jsonl"
+LEAST_COVERAGE = 0.9
+"""Default of the share of the floor where people have to be seen."""
 MOST_UNKNOWN = 0.5
 """Maximum share of a walk with *unknown* advice; with more, too little was tested."""
 
@@ -116,6 +118,17 @@ def judge_walk(result: Walk) -> tuple[list[str], list[str]]:
                 f"little was tested; check that its controller is on and scenes arrive in time"
             )
     return failed, missing
+
+
+def less_safe_walk(result: Walk) -> list[str]:
+    """Return one line if less of the floor was required than by default."""
+    if result.least_coverage >= LEAST_COVERAGE:
+        return []
+    return [
+        f"walk.least_coverage: {result.least_coverage:g} (default {LEAST_COVERAGE:g}): the walk "
+        f"test passes although no person was seen in up to "
+        f"{100 * (1 - result.least_coverage):.0f} % of the floor around the robots"
+    ]
 
 
 def advice_by_robot(played: Played) -> list[RobotAdvice]:

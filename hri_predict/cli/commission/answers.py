@@ -11,6 +11,7 @@ from hri_predict.base.files import load_yaml, read_yaml
 from hri_predict.base.settings import MIN_SPEED_M_S, Point, Settings, Vector3, validated
 from hri_predict.cli.register.points import ask, point_from, say
 from hri_predict.commissioning.report import Signature, Text
+from hri_predict.commissioning.walk import LEAST_COVERAGE
 
 StepName = Literal["registration", "echo", "stopping", "walk"]
 Milliseconds = Annotated[float, Field(ge=0.001, le=10_000)]
@@ -90,7 +91,7 @@ class WalkAnswers(Settings):
     seconds: float = Field(60.0, ge=2, le=3600)
     cell_m: float = Field(0.25, ge=0.05, le=2)
     least_coverage: float = Field(
-        0.9, ge=0, le=1, description="share of the relevant floor area to cover"
+        LEAST_COVERAGE, ge=0, le=1, description="share of the relevant floor area to cover"
     )
     exclude: list[Annotated[list[Point], Field(min_length=3, max_length=100)]] = Field(
         [], max_length=100, description="polygons where no person can stand: machines, walls"

@@ -32,6 +32,7 @@ from hri_predict.commissioning.identity import identity_of
 from hri_predict.commissioning.playback import circles_of
 from hri_predict.commissioning.report import Outcome, Registration, Step, TouchedPoint
 from hri_predict.commissioning.simulated import is_simulated, simulated, with_people, with_toucher
+from hri_predict.commissioning.typed_stops import MeasuredStop, typed_stops, without_top_speed
 from hri_predict.commissioning.walk import WalkPlan, judge_walk, walk
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
@@ -156,6 +157,8 @@ def _stopping(task: Task) -> Found:
     found, missing = stopping.measure_stops(live, plan, MonotonicClock(), say)
     if not found.stops:
         missing.append("no stop was measured: check that the node permits the robots to move")
+    else:
+        missing += without_top_speed(live.node.robots, found)
     return found, stopping.judge_stops(found), missing, task.config
 
 
@@ -168,16 +171,8 @@ def _typed(task: Task) -> Found:
                 f"stopping.measured.{i}.robot: no robot '{stop.robot}'{nearest(stop.robot, names)} "
                 f"(available: {', '.join(names)})"
             )
-    found = stopping.typed_stops(
-        task.config, [stopping.MeasuredStop(**stop.model_dump()) for stop in stops]
-    )
-    missing = []
-    for robot in task.config.node.robots:
-        fastest = max((s.speed_m_s for s in stops if s.robot == robot.name), default=0.0)
-        if fastest < stopping.NEAR * robot.max_speed_m_s:
-            missing.append(
-                f"robot {robot.name}: no stop from its highest speed, {robot.max_speed_m_s:g} m/s"
-            )
+    found = typed_stops(task.config, [MeasuredStop(**stop.model_dump()) for stop in stops])
+    missing = without_top_speed(task.config.node.robots, found)
     return found, stopping.judge_stops(found), missing, task.config
 
 

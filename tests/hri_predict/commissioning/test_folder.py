@@ -7,7 +7,7 @@ import pytest
 from hri_predict.base.errors import ConfigError
 from hri_predict.commissioning.folder import State, load_state, save
 from hri_predict.commissioning.identity import identity_of
-from hri_predict.commissioning.report import read_report
+from hri_predict.commissioning.report import GridResult, Walk, read_report
 from tests.hri_predict.commissioning.cells import load_cell
 from tests.hri_predict.commissioning.test_report import step
 
@@ -21,6 +21,21 @@ def test_what_was_saved_is_there_again(tmp_path):
     assert load_state(tmp_path / "out", config) == state
     assert read_report(tmp_path / "out" / "report.json") == (report, digest)
     assert digest in (tmp_path / "out" / "report.html").read_text()
+
+
+@pytest.mark.parametrize(("least", "lines"), [(0.9, []), (0.0, ["walk.least_coverage: 0 (def"])])
+def test_less_floor_than_by_default_is_to_be_signed(tmp_path, least, lines):
+    config = load_cell(tmp_path)
+    grid = GridResult(
+        cell_m=1, origin=[0, 0], columns=1, rows=1, area=[0], outside=[], seen={}, lost={}
+    )
+    walk = Walk(
+        recording="walk.mcap", recording_sha256="", advices="walk", advices_sha256="", seconds=1,
+        least_coverage=least, exclude=[], grid=grid, robots=[], people_lost=0,
+    )  # fmt: skip
+    state = State(cell="cell.yaml").with_step("walk", step(result=walk))
+    report, _ = save(tmp_path / "out", config, state)
+    assert [line[:27] for line in report.less_safe if line.startswith("walk.")] == lines
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"cell": 1}', '{"cell": "cell.yaml", "x": 1}'])

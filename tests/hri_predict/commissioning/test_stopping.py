@@ -6,15 +6,14 @@ import pytest
 
 from hri_predict.base.clock import VirtualClock
 from hri_predict.commissioning import stopping
+from hri_predict.commissioning.folder import worst
 from hri_predict.commissioning.stopping import (
-    MeasuredStop,
     StoppingTrials,
     StopTest,
     judge_stops,
     measure_stops,
-    typed_stops,
-    worst,
 )
+from hri_predict.commissioning.typed_stops import MeasuredStop, typed_stops
 from hri_predict.contracts.link import Received
 from hri_predict.run import assemble
 from tests.hri_predict.commissioning.cells import cell_data, load_cell
@@ -84,19 +83,26 @@ def test_a_robot_that_reports_nothing_is_named(tmp_path):
 class Ramp:
     """A robot whose speed follows a function of time, judged as the demo's arm."""
 
-    def __init__(self, folder, speed_at, hz=100):
+    def __init__(self, folder, speed_at, hz=100, silent_s=(9.0, 9.0)):
         self.config = empty_cell(folder)
         (self.model,) = assemble.build_robots(self.config)
         me: Any = self
         self.test = StopTest([me], PLAN, {0: self.config.node.robots[0]})
         self.dof = 1
         self._speed_at, self._period_ns = speed_at, round(S / hz)
+        self._silent_s = silent_s
 
     def tip_speed(self, q, qd):
         return abs(qd[0])
 
     def stop(self):
-        """Feed states and ticks until the one trial is over; what was measured."""
+        """What was measured of the one trial."""
+        (stop,), missing = self.measured()
+        assert missing == []
+        return stop
+
+    def measured(self):
+        """Feed states and ticks until the one trial is over; its stop, and what is missing."""
         commanded_ns, now_ns = None, 0
         while not self.test.done.is_set():
             trial = self.test.trials[-1] if self.test.trials else None
@@ -105,12 +111,12 @@ class Ramp:
             since = None if commanded_ns is None else (now_ns - commanded_ns) * 1e-9
             speed = self._speed_at(since)
             state = make_state((0.0,), (speed,))
-            self.test.on_received("drive", Received(state, now_ns))
+            if since is None or not self._silent_s[0] < since < self._silent_s[1]:
+                self.test.on_received("drive", Received(state, now_ns))
             self.test.each_tick(now_ns)
             now_ns += self._period_ns
         budget = assemble.build_budget(self.config, assemble.build_source(self.config))
-        (trial,) = self.test.trials
-        return stopping._stop_of(trial, self.config.node.robots[0], self.model, budget)
+        return stopping._measured(self.config, [self.model], budget, self.test.trials)
 
 
 def braking(reaction_s, deceleration):
@@ -145,6 +151,30 @@ def test_a_robot_that_never_stands_fails(tmp_path):
     assert not stop.passed
     found = stopping.Stopping(stops=[stop], curves=[])
     assert "did not come to a standstill within 2 s" in judge_stops(found)[0]
+
+
+@pytest.mark.parametrize(
+    ("silent_s", "found"),
+    [
+        ((0.01, 0.9), "missing for 0.89 s during the stop from 0.5 m/s"),
+        ((0.01, 9.0), "missing for 2 s during the stop from 0.5 m/s"),  # never seen again
+        ((0.01, 0.06), True),
+    ],
+)
+def test_a_stop_that_was_not_seen_is_not_measured(tmp_path, silent_s, found):
+    stops, missing = Ramp(tmp_path, braking(0.02, 4.0), silent_s=silent_s).measured()
+    if found is True:
+        assert ([stop.passed for stop in stops], missing) == ([True], [])
+    else:
+        (line,) = missing
+        assert stops == []
+        assert found in line
+
+
+def test_a_gap_hides_no_stop_that_fails_in_any_case(tmp_path):
+    for speed_at in (braking(0.9, 4.0), lambda since: 0.5):  # long after the gap, it still moves
+        (stop,), missing = Ramp(tmp_path, speed_at, silent_s=(0.1, 0.3)).measured()
+        assert (stop.passed, missing) == (False, [])
 
 
 def test_what_the_integrator_measured_is_compared_with_the_table(tmp_path):

@@ -6,10 +6,12 @@ import yaml
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.cli.commission import steps
+from hri_predict.cli.commission.answers import Answers
 from hri_predict.cli.register.sight import SightedPoint, Sights
+from hri_predict.commissioning.typed_stops import MeasuredStop, typed_stops
 from hri_predict.people.body.standing import standing_body
 from hri_predict.run import config as configuration
-from tests.hri_predict.commissioning.cells import cell_data
+from tests.hri_predict.commissioning.cells import cell_data, load_cell
 
 POINTS = np.array([[0.5, -1.4, 1.0], [1.5, -1.4, 1.0], [1.5, -2.4, 1.2], [0.5, -2.4, 0.9]])
 BODY = standing_body()
@@ -47,3 +49,20 @@ def test_a_pose_that_does_not_fit_the_points_is_not_written(tmp_path, capsys, wr
             compare()
         assert path.read_text() == before
         assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(("speed_m_s", "outcome"), [(0.1, "open"), (0.96, "passed")])
+def test_the_nodes_own_stops_count_only_from_the_highest_speed(
+    tmp_path, monkeypatch, speed_m_s, outcome
+):
+    config = load_cell(tmp_path)
+    found = typed_stops(config, [MeasuredStop("arm", speed_m_s, 0.001, 0.001)])
+    monkeypatch.setattr(steps.stopping, "measure_stops", lambda *_: (found, []))
+    task = steps.Task(
+        config=config, answers=Answers(), folder=tmp_path, simulate=True, interactive=False
+    )
+    step, _ = steps.do_step("stopping", task)
+    assert step.outcome == outcome
+    assert step.why == (
+        [] if outcome == "passed" else ["robot arm: no stop from its highest speed, 1 m/s"]
+    )
