@@ -167,9 +167,12 @@ def read(folder: Path) -> Iterator[Line]:
             lines.append(line)
             last = str(line.data.get("hash"))
         before = path.name
-    removed = {name for line in lines for name in _removed(line.data)}
-    for line in lines:
-        yield line if line.wrong else replace(line, wrong=_wrong_file(folder, line.data, removed))
+    removed = {name: at for at, line in enumerate(lines) for name in _removed(line.data)}
+    for at, line in enumerate(lines):
+        if line.wrong or removed.get(str(line.data.get("file")), 0) > at:
+            yield line
+        else:
+            yield replace(line, wrong=_wrong_file(folder, line.data))
 
 
 def _lines(path: Path, expected: str | None = None, before: str | None = None) -> Iterator[Line]:
@@ -238,9 +241,9 @@ def _is_plain(name: object) -> TypeGuard[str]:
     return isinstance(name, str) and bool(re.fullmatch(r"[A-Za-z0-9._-]+\.mcap", name))
 
 
-def _wrong_file(folder: Path, entry: dict[str, Any], removed: set[str]) -> str:
+def _wrong_file(folder: Path, entry: dict[str, Any]) -> str:
     name = entry.get("file")
-    if name is None or (isinstance(name, str) and name in removed):
+    if name is None:
         return ""
     if not _is_plain(name):
         return f"does not name a file of this folder, {name!r}"

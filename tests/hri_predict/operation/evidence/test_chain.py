@@ -87,6 +87,20 @@ def test_a_file_that_gave_way_may_be_missing(tmp_path):
     assert wrongs(tmp_path) == []
 
 
+def test_a_removed_file_excuses_no_later_one_of_its_name(tmp_path):
+    """After the clock was set back, a name may come again."""
+    last = written(tmp_path, 1)
+    last = chain.append(tmp_path, {"kind": "room", "removed": ["0.mcap"]}, last)
+    (tmp_path / "0.mcap").write_bytes(b"another event")
+    digest = chain.file_hash(tmp_path / "0.mcap")
+    chain.append(tmp_path, {"kind": "stop", "file": "0.mcap", "sha256": digest}, last)
+    assert wrongs(tmp_path) == []
+    (tmp_path / "0.mcap").write_bytes(b"changed")
+    assert wrongs(tmp_path) == [(3, "its file 0.mcap was changed")]
+    (tmp_path / "0.mcap").unlink()
+    assert [number for number, _ in wrongs(tmp_path)] == [3]
+
+
 def test_no_file_of_another_folder_is_read(tmp_path):
     chain.append(tmp_path, {"file": "../secret", "sha256": ""}, chain.START)
     assert wrongs(tmp_path) == [(1, "does not name a file of this folder, '../secret'")]
