@@ -12,7 +12,7 @@ import typer
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write, data_path, read_text
-from hri_predict.commissioning.identity import canonical, dependencies, flattened
+from hri_predict.commissioning.identity import canonical, dependencies, flattened, texts_of
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 
@@ -138,7 +138,7 @@ def hidden(program: Path) -> list[str]:
 
 
 def own_files(config: Config) -> tuple[list[tuple[str, Path, str]], list[str]]:
-    """Return the files that the service needs beside its configuration, and those it will not find.
+    """Return the files that the service needs in its configuration's folder, and those it misses.
 
     Returns:
         Key of the configuration, file, and its path in the folder of the service's configurations;
@@ -169,12 +169,13 @@ def own_files(config: Config) -> tuple[list[tuple[str, Path, str]], list[str]]:
 def _named_files(config: Config) -> Iterator[tuple[str, str, Path]]:
     """Return key, text and file of each file that the configuration names, and does not write."""
     flat = flattened(canonical(config))
+    texts = dict(texts_of(flat))
     for key, path in dependencies(config, flat).items():
-        text = flat.get(key)
-        if isinstance(text, str) and config.base_dir / text == path:  # otherwise it is shipped
+        text = texts.get(key)
+        if text is not None and config.base_dir / text == path:  # otherwise it is shipped
             yield key, text, path
-    for key, text in flat.items():  # those that are no part of a cell's identity
-        if key.endswith("_file") and isinstance(text, str) and text:
+    for key, text in texts.items():  # those that are no part of a cell's identity
+        if key.endswith("_file") and text:
             yield key, text, config.base_dir / text
 
 

@@ -57,15 +57,24 @@ def dependencies(config: Config, flat: Mapping[str, Any]) -> dict[str, Path]:
         flat: the configuration by dotted keys; see ``identity.flattened``.
     """
     found = dict(_known(config))
-    for key, value in flat.items():
+    for key, text in texts_of(flat):
         if key in found or key in WRITTEN or key.startswith(ALERTS):
             continue
         if key.rpartition(".")[2] == SECRET:
             continue
-        path = _named(value, config.base_dir)
+        path = _named(text, config.base_dir)
         if path is not None:
             found[key] = path
     return found
+
+
+def texts_of(flat: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the texts of a flat configuration, also those in lists, each with its dotted key."""
+    for key, value in flat.items():
+        if isinstance(value, str):
+            yield key, value
+        elif isinstance(value, list):
+            yield from texts_of({f"{key}.{i}": each for i, each in enumerate(value)})
 
 
 def _found(
@@ -115,11 +124,11 @@ def _sources(source: SourceSettings) -> dict[str, SourceSettings]:
     return {"source": source} | {f"source.{key}": part for key, part in parts.items()}
 
 
-def _named(value: Any, base_dir: Path) -> Path | None:
+def _named(text: str, base_dir: Path) -> Path | None:
     """Return the file named by a text, relative to the configuration."""
-    if not isinstance(value, str) or not value or "\0" in value:
+    if not text or "\0" in text:
         return None
-    path = base_dir / value
+    path = base_dir / text
     return path if os.path.isfile(path) else None  # does not raise if the name is too long
 
 
@@ -267,6 +276,8 @@ def _foreign(config: Config) -> dict[str, str]:
 def differences(old: Identity, new: Identity) -> list[Difference]:
     """Return all differences, key by key: configuration, then files, then versions.
 
+    A file that is missing or cannot be read is always one, because it may have changed.
+
     A named entry that exists only then or only now, such as a removed link, shows in its list's
     names; its own keys are not listed.
     """
@@ -279,7 +290,8 @@ def differences(old: Identity, new: Identity) -> list[Difference]:
     before = {key: file.sha256 for key, file in old.files.items()}
     now = {key: file.sha256 for key, file in new.files.items()}
     for key in sorted(before.keys() | now.keys()):
-        if before.get(key) != now.get(key) and not _is_in(key, alone):
+        is_same = before.get(key) == now.get(key) and _is_hash(now[key])
+        if not is_same and not _is_in(key, alone):
             path = (new.files.get(key) or old.files[key]).path
             named = f"file of {key} ({os.path.basename(path)})"
             found.append(Difference(named, _short(before.get(key)), _short(now.get(key))))
@@ -329,7 +341,12 @@ def _text(value: JsonValue) -> str:
 
 
 def _short(digest: str | None) -> str | None:
-    return digest if digest in (None, MISSING) else f"SHA-256 {digest[:12]}"
+    return f"SHA-256 {digest[:12]}" if digest is not None and _is_hash(digest) else digest
+
+
+def _is_hash(digest: str) -> bool:
+    """Whether a file could be read; otherwise the text says why not."""
+    return len(digest) == 64 and digest.isalnum()
 
 
 def _hash(data: Any) -> str:

@@ -14,7 +14,13 @@ from hypothesis import strategies as st
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
 from hri_predict.commissioning import identity
-from hri_predict.commissioning.identity import MISSING, differences, flattened, identity_of
+from hri_predict.commissioning.identity import (
+    MISSING,
+    dependencies,
+    differences,
+    flattened,
+    identity_of,
+)
 from hri_predict.contracts import registry
 from hri_predict.run import config as configuration
 from hri_predict.zones.calibration import shipped_calibration
@@ -344,3 +350,25 @@ def test_files_of_the_current_folder_do_not_count(tmp_path, monkeypatch):
     (tmp_path / "else" / cell_data()["robots"][0]["name"]).write_text("x")
     monkeypatch.chdir(tmp_path / "else")
     assert differences(before, identity_of(configuration.load(path))) == []
+
+
+@pytest.mark.parametrize("found", [MISSING, "unreadable: Permission denied"])
+def test_a_file_that_cannot_be_read_is_never_taken_as_unchanged(tmp_path, found):
+    now = identity_of(load_cell(tmp_path))
+    key = next(iter(now.files))
+    gone = now.files | {key: now.files[key].model_copy(update={"sha256": found})}
+    unread = now.model_copy(update={"files": gone})
+    (line,) = map(str, differences(unread, unread))
+    assert line.endswith(f": {found} -> {found}")
+    (line,) = map(str, differences(now, unread))
+    assert re.search(rf": SHA-256 [0-9a-f]{{12}} -> {found}$", line)
+
+
+def test_files_in_a_list_are_watched(tmp_path):
+    (tmp_path / "a.bin").write_text("x")
+    config = load_cell(tmp_path)
+    flat = {"source.maps": ["none", ["a.bin"]], "source.weights": "a.bin"}
+    found = dependencies(config, flat)
+    for key in ("source.maps.1.0", "source.weights"):
+        assert found[key] == tmp_path / "a.bin"
+    assert "source.maps.0" not in found
