@@ -2,9 +2,11 @@
 out.
 """
 
+import operator
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from hri_predict.base.clock import VirtualClock
 from hri_predict.base.errors import ConfigError
@@ -27,6 +29,13 @@ def load_config(path: str | Path) -> Config:
     return load(Path(path))
 
 
+RUN = 30
+"""Number of scenes over which the unit of the caller's clock is checked."""
+TOO_FAST = 300
+"""A clock on which scenes come this many times as fast as ``rate_hz`` does not count nanoseconds;
+one that counts microseconds is 1000 times too slow. No backlog of scenes is processed as fast."""
+
+
 class Advisor:
     """A node without its own source, links or clock: the caller replaces all three.
 
@@ -42,7 +51,8 @@ class Advisor:
             ``CANONICAL.joints``. The scenes' positions are metres in the room whatever the map's
             units and axes are.
         rate_hz: nominal scenes per second; by default the configuration's ``rate_hz``.
-        start_ns: time on the caller's clock at which robots start a planned trajectory.
+        start_ns: time on the caller's clock, whole nanoseconds, at which robots start a planned
+            trajectory.
 
     Attributes:
         robots: names of the robots, in the order of their indices.
@@ -66,9 +76,11 @@ class Advisor:
         )
         self._inbox = _Inbox()
         self._now_ns: int | None = None
+        self._least_ns = round(RUN * 1e9 / source.rate_hz / TOO_FAST)
+        self._scenes_ns: deque[int] = deque(maxlen=RUN + 1)
         assembly = assemble.build(
             config,
-            VirtualClock(start_ns),
+            VirtualClock(_whole("start_ns", start_ns)),
             source=source,
             links=[self._inbox],
             deadline=False,
@@ -91,10 +103,10 @@ class Advisor:
                 that the input ages.
             received: messages of the controllers since the last call: each robot's joint state
                 (rad, rad/s), with a counter that advances, and acknowledgements.
-            now_ns: the caller's monotonic clock at this call, later than at the last one. It
-                determines the age of the input. In a live cell never pass the scene's own
-                ``stamp_ns``: every scene would appear fresh, however late. For a recording that is
-                correct.
+            now_ns: the caller's monotonic clock at this call, whole nanoseconds, later than at the
+                last one: ``time.monotonic_ns()``. It determines the age of the input. In a live
+                cell never pass the scene's own ``stamp_ns``: every scene would appear fresh,
+                however late. For a recording that is correct.
 
         Returns:
             ``advices`` has one Advice per robot; ``assessment.zones`` contains the zone of every
@@ -102,9 +114,10 @@ class Advisor:
             advice is *fault*.
 
         Raises:
-            ConfigError: ``now_ns`` does not advance; with a stopped clock, input would never become
-                stale.
+            ConfigError: ``now_ns`` does not advance, is not an integer, or advances as if it were
+                not in nanoseconds; input would never become stale.
         """
+        now_ns = _whole("now_ns", now_ns)
         if self._now_ns is not None and now_ns <= self._now_ns:
             raise ConfigError(
                 f"advise: now_ns {now_ns} is not later than at the last call ({self._now_ns}); "
@@ -112,9 +125,29 @@ class Advisor:
             )
         self._now_ns = now_ns
         if scene is not None:
+            self._check_unit(now_ns)
             self._node.receive(scene, now_ns)
         self._inbox.waiting.extend(Received(message, now_ns) for message in received)
         return self._node.tick(now_ns)
+
+    def _check_unit(self, now_ns: int) -> None:
+        """Refuse a clock that counts milliseconds, say: a second of silence would be 1 µs."""
+        self._scenes_ns.append(now_ns)
+        elapsed_ns = now_ns - self._scenes_ns[0]
+        if len(self._scenes_ns) > RUN and elapsed_ns < self._least_ns:
+            raise ConfigError(
+                f"advise: now_ns is in nanoseconds, but advanced by only {elapsed_ns} over {RUN} "
+                "scenes; give time.monotonic_ns(), or correct rate_hz"
+            )
+
+
+def _whole(name: str, value: Any) -> int:
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise ConfigError(
+            f"{name} {value!r}: must be a whole number of nanoseconds, such as time.monotonic_ns()"
+        ) from None
 
 
 class _Caller:

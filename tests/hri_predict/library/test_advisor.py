@@ -6,6 +6,7 @@ import pytest
 import hri_predict
 from hri_predict import Acknowledge, Advisor, Level, Person, Reason, Scene
 from hri_predict.base.errors import ConfigError
+from hri_predict.library.advisor import RUN
 from hri_sim.people.body import Body
 from tests.messages import make_state
 
@@ -77,6 +78,36 @@ def test_a_clock_that_does_not_advance_is_refused(back):
     cell.step(None, times=3)
     with pytest.raises(ConfigError, match="give a monotonic clock"):
         cell.advisor.advise(None, now_ns=cell.now - back)
+
+
+@pytest.mark.parametrize("now", [100.5, float("nan"), np.float64(1e9), None, "100"])
+def test_a_clock_in_seconds_is_refused(now):
+    cell = Cell()
+    cell.step(None, times=3)
+    with pytest.raises(ConfigError, match="must be a whole number of nanoseconds"):
+        cell.advisor.advise(None, now_ns=now)
+    cell.step(None)  # the refused time has not replaced the last one
+    with pytest.raises(ConfigError, match="give a monotonic clock"):
+        cell.advisor.advise(None, now_ns=cell.now)
+    with pytest.raises(ConfigError, match="start_ns"):
+        Advisor(CONFIG, start_ns=now)
+
+
+@pytest.mark.parametrize("per_second", [1_000, 1_000_000])
+def test_a_clock_in_milliseconds_or_microseconds_is_refused_within_30_scenes(per_second):
+    advisor = Advisor(CONFIG, rate_hz=30.0)
+    scenes = [Scene(100 * per_second + k * per_second // 25, k, True, ()) for k in range(RUN + 5)]
+    for scene in scenes[:RUN]:
+        advisor.advise(scene, now_ns=scene.stamp_ns)
+    for scene in scenes[RUN:]:
+        with pytest.raises(ConfigError, match=r"now_ns is in nanoseconds.*time\.monotonic_ns"):
+            advisor.advise(scene, now_ns=scene.stamp_ns)
+
+
+def test_a_backlog_of_scenes_is_no_wrong_unit():
+    advisor = Advisor(CONFIG, rate_hz=30.0)
+    for k in range(100):
+        advisor.advise(Scene((k + 1) * 33 * MS, k, True, ()), now_ns=5000 * MS + k * MS)
 
 
 def test_somebody_who_vanishes_is_lost_until_he_is_acknowledged():
