@@ -65,8 +65,9 @@ def error_by_action(results: Sequence[RecordingResult]) -> Figure:
 def error_by_joint(results: Sequence[RecordingResult]) -> Figure:
     """One row per joint, one mark per predictor; mean over the five actions, two horizons."""
     figure = Figure(figsize=(11, 7.5), layout="constrained")
-    joints = scored_joints()
-    for axes, ms in zip(figure.subplots(1, 2, sharey=True), (400, 1000), strict=True):
+    joints, horizons_ms = scored_joints(), results[0].joint_horizons_ms
+    (panels_of_row,) = figure.subplots(1, len(horizons_ms), sharey=True, squeeze=False)
+    for axes, ms in zip(panels_of_row, horizons_ms, strict=True):
         step = round(ms * RATE_HZ / 1000) - 1
         values = [r.mean_by_joint()[step, joints] for r in results]
         for result, (colour, _), row in zip(results, _styles(results), values, strict=True):

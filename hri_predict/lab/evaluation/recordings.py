@@ -99,6 +99,12 @@ class RecordingResult:
         """Those of ``HORIZONS_MS`` that are evaluated."""
         return HORIZONS_MS[: len(_within(self.steps))]
 
+    @property
+    def joint_horizons_ms(self) -> tuple[int, ...]:
+        """Horizons shown by joint: 400 and 1000 ms where evaluated, else the longest one."""
+        found = tuple(ms for ms in (400, 1000) if ms in self.horizons_ms)
+        return found or self.horizons_ms[-1:]
+
     def action_mm(self, action: str) -> Floats:
         """Mean error in millimetres at ``horizons_ms``; NaN beyond the recording's end."""
         return at_horizons(self.actions[action].by_step())
@@ -133,7 +139,7 @@ def _mean_mm(total_m: Floats, count: Floats) -> Floats:
 
 def at_horizons(by_step: Floats) -> Floats:
     """Pick the steps of ``RecordingResult.horizons_ms`` from (H, ...)."""
-    return by_step[np.array(_within(len(by_step))) - 1]
+    return by_step[np.array(_within(len(by_step)), dtype=int) - 1]
 
 
 def _within(steps: int) -> list[int]:

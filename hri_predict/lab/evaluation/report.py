@@ -46,9 +46,10 @@ def action_tables(results: Sequence[RecordingResult]) -> list[Table]:
 
 
 def joint_table(results: Sequence[RecordingResult], horizon_ms: int) -> Table:
-    """Every predictor's mean over the five actions by joint at one horizon, mm."""
+    """Every predictor's mean over the five actions by joint at one of ``HORIZONS_MS``, mm."""
     clean, step = undisturbed(results), HORIZON_STEPS[HORIZONS_MS.index(horizon_ms)] - 1
-    columns = [r.mean_by_joint()[step] for r in clean]
+    unknown = np.full(len(BODY.joints), np.nan)
+    columns = [r.mean_by_joint()[step] if step < r.steps else unknown for r in clean]
     rows = tuple((BODY.joints[j], *_cells([c[j] for c in columns])) for j in scored_joints())
     title = f"By joint, {horizon_ms} ms ahead, mm"
     return Table(title, ("joint", *(r.predictor for r in clean)), rows)
@@ -139,7 +140,8 @@ def as_csv(results: Sequence[RecordingResult]) -> str:
 def as_markdown(results: Sequence[RecordingResult], zones: Sequence[ZoneBasis] = ()) -> str:
     """Every table, and what was measured."""
     tables = [judge_table(results), *action_tables(results)]
-    tables += [joint_table(results, ms) for ms in (400, 1000)]
+    horizons_ms = results[0].joint_horizons_ms if results else ()
+    tables += [joint_table(results, ms) for ms in horizons_ms]
     if any(r.corruption for r in results):
         tables.append(corruption_table(results))
     head = (

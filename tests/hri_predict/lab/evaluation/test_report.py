@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import re
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from hri_predict.lab.evaluation.report import (
     as_json,
     as_markdown,
     corruption_table,
+    joint_table,
     judge_table,
     write_report,
 )
@@ -92,6 +94,28 @@ def test_a_report_of_recordings_that_end_early_and_of_none_of_the_five_actions(t
     assert len(write_report(results, tmp_path)) == 6
     assert judge_table(results).title == "Mean over arms, mm"
     assert corruption_table(results).rows[1] == ("30 % of joint-frames missing", "5 (+0%)")
+
+
+@pytest.mark.parametrize(
+    ("steps", "by_joint_ms"), [(3, [120]), (5, [200]), (10, [400]), (20, [400]), (50, [400, 1000])]
+)
+def test_a_report_shows_the_horizons_that_were_evaluated(tmp_path, steps, by_joint_ms):
+    pytest.importorskip("matplotlib")
+    count = np.ones((steps, JOINTS))
+    results = [RecordingResult("stb", None, {"walking": Errors(4, 0.1 * count, count)})]
+    assert len(write_report(results, tmp_path)) == 6
+    text = (tmp_path / "real.md").read_text(encoding="utf-8")
+    assert re.findall(r"By joint, (\d+) ms", text) == [str(ms) for ms in by_joint_ms]
+    assert json.loads((tmp_path / "real.json").read_text())["horizons_ms"][-1] == {
+        3: 120, 5: 200, 10: 400, 20: 800, 50: 2000
+    }[steps]  # fmt: skip
+
+
+def test_a_joint_table_beyond_the_horizon_has_dashes():
+    count = np.ones((5, JOINTS))
+    results = [RecordingResult("stb", None, {"walking": Errors(4, 0.1 * count, count)})]
+    assert {row[1] for row in joint_table(results, 200).rows} == {"100"}
+    assert {row[1] for row in joint_table(results, 1000).rows} == {"–"}
 
 
 @pytest.mark.long
