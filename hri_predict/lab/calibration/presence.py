@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from hri_predict.base.arrays import Bools, Floats, Ints
 from hri_predict.base.errors import UnusableRecordingError
 from hri_predict.contracts.joint_map import JointMap
+from hri_predict.recording.one_clock import timed
 from hri_predict.recording.opening import opened
 from hri_predict.recording.recording import Recording, names_of
 
@@ -46,7 +47,7 @@ class Presence:
     """One person's unbroken presence in a recording, on canonical joints.
 
     Attributes:
-        stamps_ns: (F,) captures.
+        stamps_ns: (F,) captures; see ``timed``.
         positions: (F, J, 3) metres; 0 where not observed.
         observed: (F, J).
         rate_hz: nominal captures per second.
@@ -77,13 +78,13 @@ def presences_of(recording: Recording) -> list[Presence]:
             f"to show what happened between two steps; give one of {LEAST_RATE_HZ:g} or more"
         )
     people: dict[int, list[tuple[int, Floats, Bools]]] = {}
-    for scene in recording.scenes:
+    for time_ns, scene in timed(recording):
         for person in scene.people:
             samples = people.setdefault(person.id, [])
-            if not samples or scene.stamp_ns > samples[-1][0]:
+            if not samples or time_ns > samples[-1][0]:
                 joints, seen = recording.joint_map.map(person.positions, person.observed)
                 seen = seen & np.isfinite(joints).all(-1)
-                samples.append((scene.stamp_ns, np.where(seen[:, None], joints, 0.0), seen))
+                samples.append((time_ns, np.where(seen[:, None], joints, 0.0), seen))
     found = []
     for samples in people.values():
         samples = [s for s in samples if s[2].any()]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.predictors.neural.body import BODY, CMU38, from_canonical
+from hri_predict.recording.one_clock import timed
 from hri_predict.recording.opening import opened
 from hri_predict.recording.recording import Recording
 
@@ -24,7 +25,7 @@ class Track:
     Attributes:
         name: the recording's file name without its ending.
         action: action of the person, see ``Recording.action``.
-        stamps_ns: (F,) capture times, strictly increasing.
+        stamps_ns: (F,) capture times, strictly increasing; see ``timed``.
         positions: (F, 28, 3) metres, z up, ``BODY`` joints; 0 where not observed.
         observed: (F, 28).
         rate_hz: nominal captures per second.
@@ -78,11 +79,11 @@ def read_tracks(path: Path, joint_map: JointMap | None = None) -> tuple[Track, .
 def tracks_of(recording: Recording) -> tuple[Track, ...]:
     """Return every person of a recording in memory; see ``read_tracks``."""
     people: dict[int, list[tuple[int, Floats, Bools]]] = {}
-    for scene in recording.scenes:
+    for time_ns, scene in timed(recording):
         for person in scene.people:
             samples = people.setdefault(person.id, [])
-            if not samples or scene.stamp_ns > samples[-1][0]:
-                samples.append((scene.stamp_ns, person.positions, person.observed))
+            if not samples or time_ns > samples[-1][0]:
+                samples.append((time_ns, person.positions, person.observed))
     return tuple(_track(recording, samples) for samples in people.values())
 
 

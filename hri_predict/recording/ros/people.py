@@ -1,6 +1,6 @@
 """Reads the people of a bag as a recording.
 
-Scenes are by the stamps of the headers; where those are zero, by the times of their receipt.
+Scenes are by the stamps of the headers; where those are zero or go back, by the times of receipt.
 Positions are in the topmost frame above the one in which they were published (``map``, ``world``,
 or the base of the camera), as ``/tf`` and ``/tf_static`` of the bag say.
 """
@@ -25,6 +25,7 @@ from hri_predict.protocol.ros.placing import PeopleReader
 from hri_predict.protocol.ros.stamps import CLOSE_NS
 from hri_predict.recording.bounded import READING, check_joints, watched
 from hri_predict.recording.mcap.info import RecordingInfo
+from hri_predict.recording.one_clock import on_one_clock
 from hri_predict.recording.recording import Recording, check_gaps, check_rate
 from hri_predict.recording.ros.about import PEOPLE, about
 from hri_predict.recording.ros.bag import Bag, open_bag
@@ -136,7 +137,7 @@ def _is_static(connection: Any) -> bool:
 def _recording(
     path: Path, joint_map: JointMap, found: list[Read], *, notes: list[str]
 ) -> Recording:
-    kept, stamps = _in_order(found, notes)
+    kept, stamps = _in_order(path, found, notes)
     check_joints(path, len(kept), max(len(b.people) for b in kept), len(joint_map.source_joints))
     check_gaps(path, stamps)
     rate_hz = _rate_hz(stamps)
@@ -160,29 +161,51 @@ def _recording(
     )
 
 
-def _in_order(found: list[Read], notes: list[str]) -> tuple[list[Bodies], list[int]]:
-    """Return the messages with increasing times, and these times; adds to the notes."""
-    stamped = [bodies.stamp_ns for _, bodies in found if bodies.stamp_ns is not None]
-    by_receipt = not any(stamped)
-    if by_receipt:
-        notes.append("stamps are zero: the times of receipt are used")
-    offset_ns = 0 if by_receipt else _offset_ns(found)
+def _in_order(path: Path, found: list[Read], notes: list[str]) -> tuple[list[Bodies], list[int]]:
+    """Return the messages with increasing times, and these times; adds to the notes.
+
+    Raises:
+        RecordingError: most of them would be left out.
+    """
     kept: list[Bodies] = []
     times: list[int] = []
-    for at_ns, bodies in found:
-        own = None if by_receipt else bodies.stamp_ns
-        time_ns = at_ns - offset_ns if own is None else own
-        if not times or time_ns > times[-1]:
+    found_ns = _times(found, notes)
+    for time_ns, (_, bodies) in zip(found_ns, found, strict=True):
+        if time_ns is not None and (not times or time_ns > times[-1]):
             kept.append(bodies)
             times.append(time_ns)
-    if len(kept) < len(found):
-        notes.append(f"{len(found) - len(kept)} messages whose stamps do not rise are left out")
+    if lost := len(found) - len(kept):
+        notes.append(f"{lost} messages whose stamps do not rise are left out")
+    if (wrong := found_ns.count(None)) > len(found) / 2:  # repeated messages do no harm
+        raise RecordingError(
+            f"recording {path}: the stamps of {wrong} of {len(found)} messages do not rise; record "
+            f"it again with one sender on the topic, whose clock runs"
+        )
     return kept, times
 
 
-def _offset_ns(found: list[Read]) -> int:
-    """Minimum time from a stamp to its receipt: for messages without header."""
-    return min(at_ns - b.stamp_ns for at_ns, b in found if b.stamp_ns is not None)
+def _times(found: list[Read], notes: list[str]) -> list[int | None]:
+    """Time of each message: its stamp, or where it has none, as long after another as received."""
+    stamped = [(at_ns, bodies.stamp_ns) for at_ns, bodies in found if bodies.stamp_ns]
+    if not stamped:
+        notes.append("stamps are zero: the times of receipt are used")
+        return [at_ns for at_ns, _ in found]
+    clock = on_one_clock([ns for _, ns in stamped], [at_ns for at_ns, _ in stamped])
+    if clock.restarts:
+        notes.append(
+            f"the clock of the stamps was set back {len(clock.restarts)} times: from there the "
+            f"times go on by those of receipt"
+        )
+    own = iter(clock.times_ns)
+    known = zip((at_ns for at_ns, _ in stamped), clock.times_ns, strict=True)
+    offset_ns = next(at_ns - ns for at_ns, ns in known if ns is not None)
+    times: list[int | None] = []
+    for at_ns, bodies in found:
+        time_ns = next(own) if bodies.stamp_ns else at_ns - offset_ns
+        if time_ns is not None:
+            offset_ns = at_ns - time_ns
+        times.append(time_ns)
+    return times
 
 
 def _rate_hz(stamps: list[int]) -> float:

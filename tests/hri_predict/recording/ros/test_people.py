@@ -179,6 +179,41 @@ def test_repeated_messages_are_left_out_and_counted(tmp_path):
     assert "1 messages whose stamps do not rise are left out" in recording.note
 
 
+def restamped(change, count=60):
+    """A walk of which message ``k`` has a stamp later by ``change(k)`` seconds."""
+    made = maker("db3")
+    for k, (topic, kind, _, at_ns) in enumerate(walk("db3", count)):
+        stamp_ns = UTC + k * 40 * MS + round(change(k) * S)
+        yield topic, kind, made.poses(standing(k * 0.04), "map", stamp_ns), at_ns
+
+
+@pytest.mark.parametrize(("k", "by_s"), [(10, 4), (0, 3000), (10, -4), (30, -3000)])
+def test_a_wrong_stamp_costs_its_message_alone(tmp_path, k, by_s):
+    path = write(tmp_path, "db3", restamped(lambda i: by_s * (i == k)))
+    recording = read(path)
+    assert len(recording.scenes) == 59
+    assert "1 messages whose stamps do not rise are left out" in recording.note
+
+
+def test_after_a_clock_was_set_back_times_go_on_by_those_of_receipt(tmp_path):
+    recording = read(write(tmp_path, "db3", restamped(lambda k: -1000 * (k >= 30))))
+    assert [scene.stamp_ns for scene in recording.scenes] == [k * 40 * MS for k in range(60)]
+    assert "the clock of the stamps was set back 1 times" in recording.note
+
+
+def test_single_stamps_of_zero_are_replaced_by_the_receipt(tmp_path):
+    path = write(tmp_path, "db3", restamped(lambda k: 0 if k % 3 else -(UTC + k * 40 * MS) / S))
+    times = [scene.stamp_ns for scene in read(path).scenes]
+    np.testing.assert_allclose(times, [k * 40 * MS for k in range(60)], atol=1000)
+
+
+def test_stamps_without_any_order_are_refused(tmp_path):
+    rng = random.Random(0)
+    path = write(tmp_path, "db3", restamped(lambda k: rng.uniform(0, 1000)))
+    with pytest.raises(RecordingError, match="of 60 messages do not rise"):
+        read(path)
+
+
 def test_of_two_topics_one_must_be_named(tmp_path):
     both = sorted([*walk("db3", topic="/a"), *walk("db3", topic="/b")], key=lambda m: m[3])
     path = write(tmp_path, "db3", both)
