@@ -40,6 +40,9 @@ def between(recording: Recording, start_s: float, end_s: float | None) -> Record
 def decimated(recording: Recording, rate_hz: float) -> Recording:
     """Drop scenes to reduce the rate to ``rate_hz`` as closely as possible.
 
+    A kept scene has the doubts and corrected ids of its whole span, and counts as not seen if any
+    scene of the span does.
+
     In each span of 1 / ``rate_hz``, the scene nearest to the middle is kept; sequences count spans.
     Spans begin at the first scene, or at a later one if otherwise most scenes with people would be
     dropped, as in a recording with people in every second scene only.
@@ -65,10 +68,37 @@ def decimated(recording: Recording, rate_hz: float) -> Recording:
         first = [ns for ns in times_ns if (ns - times_ns[0]) * 1e-9 * rate_hz < 1]
         kept = max((_nearest(times_ns, rate_hz, ns) for ns in first), key=share)
     chosen = _chosen(recording, [k for k, _ in kept])
+    spans = _spans(recording.scenes, [k for k, _ in kept], times_ns)
     numbered = [
-        replace(scene, sequence=slot) for scene, (_, slot) in zip(chosen.scenes, kept, strict=True)
+        replace(_of_span(scene, span), sequence=slot)
+        for scene, span, (_, slot) in zip(chosen.scenes, spans, kept, strict=True)
     ]
     return replace(chosen, scenes=numbered, rate_hz=rate_hz)
+
+
+def _spans(
+    scenes: Sequence[Scene], kept: Sequence[int], times_ns: Sequence[int]
+) -> list[list[Scene]]:
+    """Return for each kept scene all scenes to which it is the nearest."""
+    spans: list[list[Scene]] = [[] for _ in kept]
+    at = 0
+    for scene, ns in zip(scenes, times_ns, strict=True):
+        while at + 1 < len(kept) and abs(times_ns[kept[at + 1]] - ns) < abs(
+            times_ns[kept[at]] - ns
+        ):
+            at += 1
+        spans[at].append(scene)
+    return spans
+
+
+def _of_span(scene: Scene, span: Sequence[Scene]) -> Scene:
+    """Return a scene with what the dropped ones beside it say against it."""
+    return replace(
+        scene,
+        sees_room=all(each.sees_room for each in span),
+        doubts=tuple(dict.fromkeys(doubt for each in span for doubt in each.doubts)),
+        joined=tuple(dict.fromkeys(pair for each in span for pair in each.joined)),
+    )
 
 
 def _nearest(times_ns: Sequence[int], rate_hz: float, start_ns: int) -> list[tuple[int, int]]:

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from hri_predict.base.errors import RecordingError
 from hri_predict.contracts.joint_map import load_joint_map
-from hri_predict.contracts.scene import Person, Scene
+from hri_predict.contracts.scene import Doubt, Person, Scene
+from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import Recording, open_recording
 from hri_predict.recording.converting import ERRORS, write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
@@ -256,6 +257,19 @@ def test_frames_with_people_are_not_the_ones_left_out(first):
         assert [scene.sequence for scene in some.scenes] == list(range(len(some.scenes)))
         times = [scene.stamp_ns for scene in some.scenes]
         assert {round((b - a) * 1e-6) for a, b in pairwise(times[:-1])} <= {33, 34}
+
+
+@pytest.mark.parametrize("k", [0, 1, 17, 40, 41, 42, 43, 99])
+def test_what_dropped_scenes_say_against_a_frame_stays(k):
+    doubt = Doubt(Reason.SENSORS_DISAGREE, "sensors a and b")
+    whole = made(["waist"], frames=100, rate_hz=100.0)
+    scenes = list(whole.scenes)
+    scenes[k] = replace(scenes[k], sees_room=False, doubts=(doubt,), joined=((7, 1),))
+    found = decimated(replace(whole, scenes=scenes), 25.0)
+    (bad,) = [scene for scene in found.scenes if not scene.sees_room]
+    assert abs(bad.stamp_ns - scenes[k].stamp_ns) <= 0.03e9  # the last one has none after it
+    assert (bad.doubts, bad.joined) == ((doubt,), ((7, 1),))
+    assert sum(len(scene.doubts) + len(scene.joined) for scene in found.scenes) == 2
 
 
 def test_people_who_come_late_change_no_frame():
