@@ -59,6 +59,8 @@ MIN_CONFIDENCE = 0.3
 MOST_PEOPLE = 20
 """A column that names more people than this, and more than half as many as there are rows,
 identifies something else."""
+SLOW_HZ = 2.0
+"""Rate up to which times without a stated unit may as well be milliseconds of a fast source."""
 _MAX_HEAD = 100_000
 _FLAGS = {"true": 1.0, "yes": 1.0, "tracked": 1.0, "inferred": 1.0}
 _FLAGS |= {"false": 0.0, "no": 0.0, "nottracked": 0.0, "not tracked": 0.0}
@@ -133,6 +135,7 @@ class _Table:
         self._places = [k for own in columns.joints.values() for k in own]
         self._sure = [(k, own) for k, own in enumerate(columns.sure.values()) if own]
         self._second_s = columns.second_s
+        self._guessed = False  # that plain numbers are seconds
         self._times_ns: list[int] = []
         self._sees: list[bool] = []
         self._people: list[dict[str, list[float]]] = []
@@ -243,6 +246,12 @@ class _Table:
             ]
             hint = f"; if the time is in {would[0]}, name it 'time_{would[0]}'" if would else ""
             raise RecordingError(f"{error}{hint}") from None
+        if self._guessed and rate_hz <= SLOW_HZ:
+            raise RecordingError(
+                f"recording {self._path}: '{name}' does not state its unit, and in seconds gives "
+                f"only {rate_hz:g} frames per second; if the time is in ms, name it 'time_ms', if "
+                f"it is in s, 'time_s'"
+            )
         return rate_hz
 
     def _notes(self, ids: dict[str, int]) -> list[str]:
@@ -251,13 +260,15 @@ class _Table:
         return [*notes, *([self._columns.note] if self._columns.note else [])]
 
     def _time_ns(self, number: int, cell: str) -> int:
+        is_number = True
         try:
             time = self._numbers.read(cell)
         except ValueError:
-            time = _clock_s(cell)
+            time, is_number = _clock_s(cell), False
         if self._second_s is None and math.isfinite(time):
             unit = next(unit for least, unit in _UNIX if abs(time) >= least)
             self._second_s = SECONDS[unit]
+            self._guessed = unit == "s" and is_number
         time_s = time * (self._second_s or 1.0)
         if not abs(time_s) < 1e11:
             raise self._wrong(number, f"its time is {cell.strip()[:30]!r}, not a number of seconds")

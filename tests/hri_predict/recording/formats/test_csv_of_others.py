@@ -191,3 +191,28 @@ def test_missing_numbers_are_not_observed(path, missing):
     path.write_text(table(rows))
     seen = [scene.people[0].observed.tolist() for scene in open_recording(path).scenes]
     assert seen == [[k != 2, True] for k in range(6)]
+
+
+@pytest.mark.parametrize("rate_hz", [100, 120, 240, 500, 1000])
+@pytest.mark.parametrize("start", [0, 5000, 1_700_000_000])
+def test_milliseconds_without_a_unit_are_not_taken_for_seconds(path, rate_hz, start):
+    rows = [[f"{start + k * 1000 / rate_hz:.1f}", *row[1:]] for k, row in enumerate(ROWS)]
+    path.write_text(table(rows, HEAD.replace("time_s", "timestamp")))
+    assert "if the time is in ms, name it 'time_ms', if it is in s, 'time_s'" in error(path)
+    path.write_text(table(rows, HEAD.replace("time_s", "time_ms")))
+    assert open_recording(path).rate_hz == pytest.approx(rate_hz, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "times"),
+    [
+        ("time_s", [str(k) for k in range(6)]),
+        ("time", [f"12:00:0{k}" for k in range(6)]),
+        ("time", [f"2026-03-04 12:00:0{k}" for k in range(6)]),
+        ("timestamp", [str(1_700_000_000_000 + 1000 * k) for k in range(6)]),
+    ],
+)
+def test_slow_tables_whose_unit_is_known_are_read(path, name, times):
+    rows = [[time, *row[1:]] for time, row in zip(times, ROWS, strict=True)]
+    path.write_text(table(rows, HEAD.replace("time_s", name)))
+    assert open_recording(path).rate_hz == 1.0
