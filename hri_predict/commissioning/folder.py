@@ -25,6 +25,7 @@ from hri_predict.commissioning.report import (
     LinkEcho,
     Report,
     Signature,
+    Step,
     Steps,
     Stop,
     Stopping,
@@ -47,7 +48,17 @@ class State(Settings):
     signatures: list[Signature] = []
 
     def with_step(self, name: str, step: Any) -> "State":
-        """Return the state after a step was done, for the first time or again."""
+        """Return the state after a step was done, for the first time or again.
+
+        A step that failed in this cell stays failed if it is skipped: the note is kept with it.
+        """
+        before: Step[Any] | None = getattr(self.steps, name)
+        if (
+            before is not None
+            and (before.outcome, step.outcome) == ("failed", "skipped")
+            and before.identity == step.identity
+        ):
+            step = before.model_copy(update={"note": step.note})
         return self.model_copy(update={"steps": self.steps.model_copy(update={name: step})})
 
 

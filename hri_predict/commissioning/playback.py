@@ -258,10 +258,15 @@ def play(config: Config, recording: Path, grid: Grid) -> Played:
     )
 
 
+REPLAYED = SourceSettings.model_fields.keys() - {"kind", "faults", "room_from_source"}
+"""Keys of ``source`` that also take effect when a recording is played; its scenes are in the room
+frame, so the pose of the sensor has none.
+"""
+
+
 def _playing(config: Config, recording: Path) -> Config:
     """Return the configuration with the recording as its source, and without outputs and links."""
-    kept = SourceSettings.model_fields.keys() - {"kind", "faults"}
-    source = config.source.model_dump(include=set(kept))
+    source = config.source.model_dump(include={*REPLAYED, "room_from_source"})
     # what the source said by itself, the recording cannot: its rate is the recorded one
     if source["stale_s"] is None:
         rate_hz = assemble.build_source(config, with_faults=False).rate_hz

@@ -9,6 +9,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import demand_kind
 from hri_predict.commissioning.identity import differences, identity_of
 from hri_predict.commissioning.report import Report, find_report, read_report
+from hri_predict.commissioning.simulated import is_simulated
 from hri_predict.operation.evidence.chain import file_hash
 from hri_predict.run.config import Config
 
@@ -20,8 +21,8 @@ AGAIN = "hri-predict commission"
 def commissioning_facts(config: Config) -> dict[str, Any] | None:
     """Compare the cell with its report; ``None`` if the configuration names none.
 
-    ``wrong`` has one line for each thing that does not match; ``notes`` holds remarks on a report
-    that does.
+    ``wrong`` has one line for each thing that does not match, ``again`` one for each step that was
+    not done in this cell; ``notes`` holds remarks on a report that matches.
     """
     if config.node.commissioning is None:
         return None
@@ -30,7 +31,7 @@ def commissioning_facts(config: Config) -> dict[str, Any] | None:
         path = find_report(path)
         report, digest = read_report(path)
     except ConfigError as error:
-        return {"report": str(path), "wrong": [str(error)], "notes": []}
+        return {"report": str(path), "wrong": [str(error)], "again": [], "notes": []}
     changed = [str(each) for each in differences(report.identity, identity_of(config))]
     return {
         "report": str(path),
@@ -40,6 +41,7 @@ def commissioning_facts(config: Config) -> dict[str, Any] | None:
         "simulated": report.simulated,
         "changed": changed,
         "wrong": [*changed, *_damaged(path.parent, report)],
+        "again": _again(report, config),
         "notes": _notes(report),
     }
 
@@ -55,15 +57,22 @@ def commissioning_lines(facts: dict[str, Any] | None) -> list[str]:
     head = f"commissioning: {facts['outcome']} on {day}, hash {facts['hash'][:16]}"
     if wrong:
         return [f"{head}; NOT THIS CELL ANY MORE: commission it again ({AGAIN})", *wrong]
+    again = [f"  {line}" for line in facts["again"]]
     if facts["outcome"] == "failed":
         head = f"{head}; NOT FIT TO BE SWITCHED ON: correct what failed, and continue ({AGAIN})"
-        return [head, *(f"  {note}" for note in facts["notes"])]
+        return [head, *again, *(f"  {note}" for note in facts["notes"])]
+    if again:
+        return [f"{head}; NOT EVERY STEP WAS DONE IN THIS CELL: do it again ({AGAIN})", *again]
     return [f"{head}; the cell is unchanged", *(f"  {note}" for note in facts["notes"])]
 
 
 def is_as_commissioned(facts: dict[str, Any] | None) -> bool:
-    """Whether the report belongs to this cell and nothing in it failed; true without a report."""
-    return facts is None or (not facts["wrong"] and facts["outcome"] != "failed")
+    """Whether the report and all its steps belong to this cell and nothing in it failed; true
+    without a report.
+    """
+    if facts is None:
+        return True
+    return not facts["wrong"] and not facts["again"] and facts["outcome"] != "failed"
 
 
 def _damaged(folder: Path, report: Report) -> list[str]:
@@ -79,6 +88,23 @@ def _damaged(folder: Path, report: Report) -> list[str]:
                 found.append(f"{name}: was changed after the report was written")
         except OSError as error:
             found.append(f"{name}: cannot be read: {error.strerror}")
+    return found
+
+
+def _again(report: Report, config: Config) -> list[str]:
+    """Return the steps that were done in another cell: before a change, or in a simulation.
+
+    Every step that is done or skipped makes the report one of the cell as it is then, also of the
+    steps that were done earlier.
+    """
+    found, is_real = [], not is_simulated(config)
+    for name, step in report.steps.named():
+        if step is None:
+            continue
+        if step.identity != report.identity.hash:
+            found.append(f"{name}: {step.outcome} before the cell was changed")
+        elif step.simulated and step.outcome != "skipped" and is_real:
+            found.append(f"{name}: {step.outcome} in a simulation, and this cell is real")
     return found
 
 

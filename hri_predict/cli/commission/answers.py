@@ -13,6 +13,8 @@ from hri_predict.cli.register.points import ask, point_from, say
 from hri_predict.commissioning.report import Signature, Text
 from hri_predict.commissioning.walk import LEAST_COVERAGE
 
+MAX_TEXT = 2000
+"""Longest text of a report; see ``Text``."""
 StepName = Literal["registration", "echo", "stopping", "walk"]
 Milliseconds = Annotated[float, Field(ge=0.001, le=10_000)]
 
@@ -139,10 +141,21 @@ def asked(answers: Answers, step: str) -> Answers | None:
     if line == "q":
         return None
     if line == "s":
-        while not (note := ask("Reason for skipping it?")):
+        while not (note := ask_text("Reason for skipping it?")):
             pass
         return answers.model_copy(update={"skip": {**answers.skip, step: note}})
     return _QUESTIONS[step](answers)
+
+
+def ask_text(question: str) -> str:
+    """Prompt for a text, again if it is too long for the report.
+
+    Raises:
+        ConfigError: the input ended.
+    """
+    while len(line := ask(question)) > MAX_TEXT:
+        say(f"{len(line)} characters; at most {MAX_TEXT}")
+    return line
 
 
 _CHOICES = ("", "d", "s", "q")

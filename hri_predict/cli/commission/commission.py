@@ -10,14 +10,15 @@ from typing import Annotated, Any
 import typer
 
 from hri_predict.base.errors import ConfigError, RecordingError
-from hri_predict.cli.commission.answers import Answers, asked, read_answers
+from hri_predict.base.settings import validated
+from hri_predict.cli.commission.answers import Answers, ask_text, asked, read_answers
 from hri_predict.cli.commission.steps import Task, do_step
 from hri_predict.cli.common import JsonOption, check_writable, one_of, without_effect
-from hri_predict.cli.register.points import ask, say
+from hri_predict.cli.register.points import say
 from hri_predict.commissioning.compare import Comparison, compare
 from hri_predict.commissioning.folder import State, load_state, save
 from hri_predict.commissioning.identity import Difference, differences, identity_of
-from hri_predict.commissioning.playback import grid_of, play, read_rows
+from hri_predict.commissioning.playback import REPLAYED, grid_of, play, read_rows
 from hri_predict.commissioning.report import (
     PAGE,
     REPORT,
@@ -86,6 +87,9 @@ def commission(
         raise ConfigError("--out: missing; name a folder for the report")
     names = [str(one_of("--step", step, STEPS))] if step is not None else list(STEPS)
     said = _with_flags(read_answers(answers), skip, note, by)
+    if step is not None:
+        others = {f"--skip {text}": text for text in skip or () if text.partition("=")[0] != step}
+        without_effect(others, f"with --step {step}")
     loaded = configuration.load(config)
     state = load_state(out, loaded)
     check_writable(out)
@@ -114,8 +118,9 @@ def _go(task: Task, state: State, names: list[str], again: bool) -> tuple[Task, 
         task = replace(task, config=changed)
         state = state.with_step(name, done)
         save(task.folder, task.config, state)
-        say(f"{name}: {done.outcome}{f': {done.note}' if done.note else ''}")
-        for line in done.why:
+        kept: Step[Any] = getattr(state.steps, name)
+        say(f"{name}: {kept.outcome}{f': {kept.note}' if kept.note else ''}")
+        for line in kept.why:
             say(f"  {line}")
     return task, state
 
@@ -139,7 +144,8 @@ def _with_flags(
     """Return the answers, overridden by the command line.
 
     Raises:
-        ConfigError: ``--skip`` without a note, or of a step that does not exist.
+        ConfigError: ``--skip`` without a note, or of a step that does not exist; a text is too
+            long.
     """
     skipped = {str(name): why for name, why in answers.skip.items()}
     for text in skip or ():
@@ -147,12 +153,15 @@ def _with_flags(
         if not why.strip():
             raise ConfigError(f"--skip {text}: give the reason: --skip {name}=WHY")
         skipped[one_of("--skip", name, STEPS)] = why.strip()
-    changes: dict[str, Any] = {"skip": skipped}
-    if notes:
-        changes["notes"] = [*(answers.notes or ()), *notes]
-    if by is not None:
-        changes["by"] = by
-    return Answers.model_validate(answers.model_dump() | changes)
+    said = answers.model_dump()
+    for flag, given, changes in (
+        ("--skip", skip, {"skip": skipped}),
+        ("--note", notes, {"notes": [*(answers.notes or ()), *(notes or ())]}),
+        ("--by", by, {"by": by}),
+    ):
+        if given is not None:
+            said = validated(Answers, said | changes, flag).model_dump()
+    return Answers.model_validate(said)
 
 
 def _closing(task: Task, state: State) -> State:
@@ -160,7 +169,7 @@ def _closing(task: Task, state: State) -> State:
     notes, signatures = task.answers.notes, task.answers.signatures
     if task.interactive:
         typed = []
-        while line := ask("An open note (empty: none):"):
+        while line := ask_text("An open note (empty: none):"):
             typed.append(line)
         notes = [*dict.fromkeys((*state.notes, *(notes or ()), *typed))]
     changes: dict[str, Any] = {}
@@ -188,9 +197,6 @@ def _show(report: Report, digest: str, out: Path, as_json: bool) -> None:
 
 # -- commission --repeat: the recorded walk, through the present version and configuration ---------
 
-OF_THE_RECORDING = ("source.kind", "source.room_from_source", "source.joint_map", "source.rate_hz")
-"""Keys that take effect while the walk is recorded; a replay cannot show the effect of a change."""
-
 
 def repeat_walk(path: Path, config: Path | None, as_json: bool) -> int:
     """Replay a report's walk and print the changes; 1 if less safe or not walked.
@@ -198,6 +204,8 @@ def repeat_walk(path: Path, config: Path | None, as_json: bool) -> int:
     Raises:
         HriPredictError: the report, its recording or the configuration cannot be used.
     """
+    if not path.is_dir() and not path.is_file():
+        raise ConfigError(f"--repeat {path}: no such file or folder; name a report or its folder")
     where = find_report(path)
     report, _ = read_report(where)
     walk = report.steps.walk.result if report.steps.walk is not None else None
@@ -251,8 +259,14 @@ _CANNOT_TELL = "the recording cannot show this"
 
 
 def _is_of_recording(key: str) -> bool:
-    plain = key.removeprefix("file of ").partition(" ")[0]
-    return any(plain == own or plain.startswith(f"{own}.") for own in OF_THE_RECORDING)
+    """Whether a changed key took effect while the walk was recorded.
+
+    A replay cannot show the effect then.
+    """
+    if key.startswith("version of the code of source "):
+        return True
+    section, _, own = key.removeprefix("file of ").partition(" (")[0].partition(".")
+    return section == "source" and own.partition(".")[0] not in REPLAYED
 
 
 def _show_again(

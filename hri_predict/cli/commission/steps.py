@@ -16,7 +16,7 @@ from hri_predict.base.geometry import norm, transform
 from hri_predict.base.settings import Pose
 from hri_predict.cli.commission.answers import Answers, RegistrationAnswers, ask_points
 from hri_predict.cli.register.points import say
-from hri_predict.cli.register.register import Wizard, refuse_fallen, refuse_misfit
+from hri_predict.cli.register.register import Wizard, refuse_fallen, refuse_merged, refuse_misfit
 from hri_predict.cli.register.sight import (
     Sensor,
     SightedPoint,
@@ -233,6 +233,8 @@ def register_points(
         ConfigError: too few points, no person in view, the hand not still, ...; or the pose cannot
             be written.
     """
+    if not simulated:
+        refuse_merged(config)
     points = answers.points
     if not points and simulated:
         pose = config.node.robots[0].room_from_robot

@@ -86,11 +86,7 @@ def register(
     Example: hri-predict register cell.yaml
     """
     loaded = configuration.load(config)
-    if loaded.source.kind == "merged":
-        raise ConfigError(
-            f"{config}: source: sensors of a merged source cannot be registered; name a "
-            f"configuration with one of them as source"
-        )
+    refuse_merged(loaded)
     if walk and (robot is not None or joint is not None):
         raise ConfigError("--walk: uses the feet and no robot; leave --robot and --joint out")
     if robot is None:
@@ -233,6 +229,19 @@ def _solved(config: Config, wizard: Wizard) -> dict[str, Any]:
         "quaternion_xyzw": result.quaternion_xyzw,
         "path": str(config.path),
     }
+
+
+def refuse_merged(config: Config) -> None:
+    """Refuse a merged source: its pose is not that of any of its sensors.
+
+    Raises:
+        ConfigError: the source is merged.
+    """
+    if config.source.kind == "merged":
+        raise ConfigError(
+            f"{config.path}: source: sensors of a merged source cannot be registered; name a "
+            f"configuration with one of them as source"
+        )
 
 
 def refuse_misfit(config: Config, result: Registration) -> None:

@@ -87,6 +87,14 @@ def test_skipping_needs_a_reason_and_quitting_ends(monkeypatch, capsys):
         asked(Answers(), "walk")
 
 
+def test_a_text_too_long_for_the_report_is_asked_again(monkeypatch, capsys):
+    typed(monkeypatch, "s", "x" * 2001, "short")
+    found = asked(Answers(), "walk")
+    assert found is not None
+    assert found.skip == {"walk": "short"}
+    assert "2001 characters; at most 2000" in capsys.readouterr().err
+
+
 def test_points_are_asked_until_there_are_enough(monkeypatch, capsys):
     typed(monkeypatch, "0,0,1", "", "1,x,1", "1,0,1", "0,1,1", "")
     assert ask_points(3) == [[0, 0, 1], [1, 0, 1], [0, 1, 1]]

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
+from hri_predict.cli.commission import commission
 from hri_predict.commissioning.report import read_report, to_data
 from tests.commands import status_of
 from tests.hri_predict.commissioning.cells import cell_data, write_cell
@@ -94,14 +95,13 @@ def test_the_status_is_of_the_named_step_or_of_all(folder, cli):
     assert status == 0
     assert "not passed: registration: done before the cell was changed; repeat it" in out
     change(folder, "room_from_source", {"xyz": [0, 0, 1]}, section="source")
-    words = [*words, "--skip", "registration=later"]
-    assert cli(*words)[0] == 0
+    assert cli(*words, "--skip", "registration=later")[0] == 0
     answers["skip"].pop("walk")
     (folder / "answers.yaml").write_text(
         yaml.safe_dump({**answers, "walk": {**ANSWERS["walk"], "least_coverage": 1}})
     )
     assert cli(*words, "--step", "walk")[0] == 1
-    status, out, _ = cli(*words)
+    status, out, _ = cli(*words, "--skip", "registration=later")
     assert status == 1
     assert "not passed: walk: failed: " in out
     assert cli(*words, "--step", "echo")[0] == 0  # though the walk has failed
@@ -144,6 +144,27 @@ def test_a_sensor_that_was_moved_cannot_be_judged_by_an_old_recording(folder, cl
     assert any("walk again" in line for line in json.loads(out)["less_safe"])
 
 
+@pytest.mark.parametrize(
+    ("key", "known"),
+    [
+        ("source.sensors.left.room_from_source.xyz", False),
+        ("source.sensors.left.joint_map", False),
+        ("source.people.0.script", False),
+        ("source.room_from_source.xyz", False),
+        ("file of source.joint_map (coco17.yaml)", False),
+        ("file of source.sensors.left.joint_map (own.yaml)", False),
+        ("version of the code of source 'acme'", False),
+        ("source.stale_s", True),
+        ("source.field_of_view.polygon", True),
+        ("version of the code of predictor 'acme'", True),
+        ("version of hri-predict", True),
+        ("risk.mode", True),
+    ],
+)
+def test_what_only_a_new_walk_can_show_is_told_apart(key, known):
+    assert commission._is_of_recording(key) is not known
+
+
 @pytest.mark.parametrize("name", ["walk.mcap", "walk-advices.jsonl"])
 def test_a_recording_that_was_changed_is_refused_and_check_says_so(folder, cli, name):
     with (folder / "out" / name).open("ab") as file:
@@ -170,6 +191,52 @@ def test_check_says_whether_the_cell_is_as_commissioned(folder, cli):
     assert status == 1
     assert "no longer matches: risk.intrusion_m: 0.0 -> 0.1" in out
     assert "valid, but not as commissioned" in out
+
+
+def test_a_changed_cell_is_not_as_before_because_one_step_was_done_again(folder, cli):
+    (folder / "cell.yaml").open("a").write("commissioning: out\n")
+    change(folder, "intrusion_m", 0.1)
+    words = ["commission", folder / "cell.yaml", "--out", folder / "out", "--step", "echo"]
+    assert cli(*words, "--skip", "echo=later")[0] == 0
+    status, out, _ = cli("check", folder / "cell.yaml")
+    assert status == 1
+    assert "NOT EVERY STEP WAS DONE IN THIS CELL" in out
+    assert "  walk: passed before the cell was changed" in out
+    assert "echo: skipped before" not in out
+
+
+def test_a_simulation_does_not_commission_a_real_cell(folder, cli):
+    data = yaml.safe_load((folder / "cell.yaml").read_text())
+    data["links"], data["commissioning"] = DEAF, "out"
+    data["source"] = {"kind": "udp", "rate_hz": 30, "room_from_source": {"xyz": [0, 0, 0]}}
+    path = write_cell(folder, data)
+    path_of = {"walk": {**ANSWERS["walk"], "seconds": 2}}
+    (folder / "answers.yaml").write_text(yaml.safe_dump(path_of))
+    shutil.rmtree(folder / "out")
+    words = ["commission", path, "--out", folder / "out", "--simulate", "--step", "walk"]
+    assert cli(*words, "--answers", folder / "answers.yaml")[0] == 0
+    status, out, _ = cli("check", path)
+    assert status == 1
+    assert "  walk: passed in a simulation, and this cell is real" in out
+    assert cli("commission", path, "--out", folder / "out", "--step", "walk", "--skip", "walk=x",
+               "--simulate")[0] == 0  # fmt: skip
+    assert cli("check", path)[0] == 0  # nothing is said to be tried
+
+
+def test_a_step_that_failed_is_not_skipped_away(folder, cli):
+    path = folder / "out" / "state.json"
+    state = json.loads(path.read_text())
+    state["steps"]["walk"] |= {"outcome": "failed", "why": ["a person vanished"]}
+    path.write_text(json.dumps(state))
+    words = ["commission", folder / "cell.yaml", "--out", folder / "out"]
+    status, _, err = cli(*words, "--step", "walk", "--skip", "walk=no time")
+    assert status == 1
+    assert "walk: failed: no time\n  a person vanished" in err
+    walk = steps_of(folder)["walk"]
+    assert (walk["outcome"], walk["note"]) == ("failed", "no time")
+    assert walk["result"] is not None
+    change(folder, "intrusion_m", 0.1)  # another cell: the failure is not one of it
+    assert cli(*words, "--step", "walk", "--skip", "walk=no time")[0] == 0
 
 
 @pytest.mark.long
@@ -210,7 +277,14 @@ def test_check_does_not_pass_a_commissioning_that_failed(folder, cli):
         (["cell.yaml", "--out", "new", "--skip", "wlak=x"], "did you mean 'walk'"),
         (["cell.yaml", "--out", "cell.yaml"], "cannot be written"),
         (["--repeat", "out", "--out", "new"], "--out: has no effect with --repeat"),
-        (["--repeat", "none"], "no such file"),
+        (["--repeat", "none"], "--repeat none: no such file"),
+        (
+            ["cell.yaml", "--out", "new", "--step", "echo", "--skip", "echo=a", "--skip", "walk=b"],
+            "--skip walk=b: has no effect with --step echo",
+        ),
+        (["cell.yaml", "--out", "new", "--skip", f"walk={'x' * 2001}"], "--skip: skip.walk: "),
+        (["cell.yaml", "--out", "new", "--note", "x" * 2001], "--note: notes.0: "),
+        (["cell.yaml", "--out", "new", "--by", "x" * 2001], "--by: by: "),
         (["other.yaml", "--out", "out"], "holds the validation of cell.yaml"),
     ],
 )

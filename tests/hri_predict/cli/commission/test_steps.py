@@ -5,8 +5,9 @@ import pytest
 import yaml
 
 from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import data_path
 from hri_predict.cli.commission import steps
-from hri_predict.cli.commission.answers import Answers
+from hri_predict.cli.commission.answers import Answers, RegistrationAnswers
 from hri_predict.cli.register.sight import SightedPoint, Sights
 from hri_predict.commissioning.typed_stops import MeasuredStop, typed_stops
 from hri_predict.people.body.standing import standing_body
@@ -49,6 +50,13 @@ def test_a_pose_that_does_not_fit_the_points_is_not_written(tmp_path, capsys, wr
             compare()
         assert path.read_text() == before
         assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_sensors_of_a_merged_source_are_not_registered(tmp_path):
+    data = yaml.safe_load(data_path("two_sensors.yaml").read_text(encoding="utf-8"))
+    config = load_cell(tmp_path, data)
+    with pytest.raises(ConfigError, match="a merged source cannot be registered"):
+        steps.register_points(config, RegistrationAnswers(), simulated=False, interactive=False)
 
 
 @pytest.mark.parametrize(("speed_m_s", "outcome"), [(0.1, "open"), (0.96, "passed")])
