@@ -17,7 +17,7 @@ from hri_predict.node.listeners import Listener
 from hri_predict.run import assemble
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
-from hri_predict.run.runtime import run_real_time, run_virtual
+from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
 
 Wrap = Callable[[str, Transport[Any]], Transport[Any]]
 """Wraps the wire of the link with this name."""
@@ -53,6 +53,7 @@ class Bench:
 
         Raises:
             HriPredictError: it cannot start; one line with the remedy.
+            KeyboardInterrupt: a signal ended it; the controllers were notified.
         """
         virtual = isinstance(self.clock, VirtualClock)
         assembly = assemble.build(
@@ -67,17 +68,47 @@ class Bench:
         if virtual:
             run_virtual(assembly, self.cell, duration_s=seconds, each_tick=each_tick)
         else:
-            run_real_time(
-                assembly=assembly,
-                stop=stop or threading.Event(),
-                duration_s=seconds,
-                each_tick=each_tick,
-            )
+            stop = stop or threading.Event()
+            with _aborted_by_signals(stop):
+                run_real_time(assembly=assembly, stop=stop, duration_s=seconds, each_tick=each_tick)
         return assembly
 
     def reports(self) -> Sequence[ControllerReport]:
         """Stop the mock controllers and return the result of each."""
         return () if self.cell is None else self.cell.stop()
+
+
+class _Asked(threading.Event):
+    """Set by a signal; it also ends the run."""
+
+    def __init__(self, stop: threading.Event) -> None:
+        super().__init__()
+        self._stop = stop
+
+    def set(self) -> None:
+        """See ``threading.Event``."""
+        super().set()
+        self._stop.set()
+
+
+@contextmanager
+def _aborted_by_signals(stop: threading.Event) -> Iterator[None]:
+    """Let a signal end the run as the node always ends: robots may be moving.
+
+    Raises:
+        KeyboardInterrupt: a signal came, so the measurement is incomplete.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked = _Asked(stop)
+    try:
+        with stop_on_signals(asked):
+            yield
+    except SystemExit as ended:  # during the start
+        raise KeyboardInterrupt from ended
+    if asked.is_set():
+        raise KeyboardInterrupt
 
 
 @contextmanager

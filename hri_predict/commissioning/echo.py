@@ -192,8 +192,11 @@ def _of_link(
         trip = Times(
             count=0, p50_ms=elsewhere.p50_ms, p99_ms=elsewhere.p99_ms, max_ms=elsewhere.max_ms
         )
+        # a controller times the first echo. Its longest trip is not the one that waited longest in
+        # the node, so no more than the usual wait is subtracted.
+        in_node = times([min(several) for several in waited.values()])
         if in_node is not None:
-            both, by = max(0.0, elsewhere.max_ms - in_node.max_ms), "integrator"
+            both, by = max(0.0, elsewhere.max_ms - in_node.p50_ms), "integrator"
     elif round_trips:
         # what was echoed while both sides were starting is left out
         heard = [(n, 1e3 * seconds) for n, seconds in round_trips if n in waited]

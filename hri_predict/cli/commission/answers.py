@@ -177,7 +177,7 @@ def _echo(answers: Answers) -> Answers:
             row = {"p50_ms": float(p50), "p99_ms": float(p99), "max_ms": float(most)}
             measured[name] = validated(RoundTrips, row, name)
         except (ValueError, ConfigError) as error:
-            say(f"like plc, 21, 38, 44: {error}")
+            say(f"like plc, 9, 14, 16: {error}")
     echo = seconds.model_copy(update={"measured": measured})
     return answers.model_copy(update={"echo": echo})
 

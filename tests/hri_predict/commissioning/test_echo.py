@@ -9,6 +9,7 @@ from hri_predict.base.clock import VirtualClock
 from hri_predict.commissioning import bench, echo
 from hri_predict.commissioning.echo import MeasuredElsewhere, Tap, judge_echo, measure_echo, times
 from hri_predict.contracts.cell import ControllerReport
+from hri_predict.protocol.messages import Advice
 from tests.hri_predict.commissioning.cells import cell_data, load_cell
 
 S = 1_000_000_000
@@ -45,14 +46,33 @@ def test_a_link_that_is_slower_than_its_budget_fails(tmp_path):
 
 
 def test_a_controllers_own_figures_are_compared(tmp_path):
-    quick = MeasuredElsewhere(p50_ms=10.0, p99_ms=20.0, max_ms=30.0)
+    quick = MeasuredElsewhere(p50_ms=5.0, p99_ms=8.0, max_ms=10.0)
     slow = MeasuredElsewhere(p50_ms=10.0, p99_ms=20.0, max_ms=90.0)
     found = measured(tmp_path, elsewhere={"drive": quick, "monitor": slow})
-    for link, max_ms in zip(found.links, (30.0, 90.0), strict=True):
+    for link, max_ms in zip(found.links, (10.0, 90.0), strict=True):
         assert link.measured_by == "integrator"
-        assert link.both_ways_ms == pytest.approx(max(0.0, max_ms - link.in_node.max_ms))
+        assert link.both_ways_ms == pytest.approx(max(0.0, max_ms - link.in_node.p50_ms))
+        assert link.in_node.count == link.echoes  # the first of each state
     (line,) = judge_echo(found)[0]
     assert line.startswith("link monitor:")
+
+
+def test_one_long_wait_in_the_node_hides_no_slow_link(tmp_path, monkeypatch):
+    decoded = echo._decoded
+
+    def late(receiver, units):
+        """One advice was written 60 ms late."""
+        rows = list(decoded(receiver, units))
+        advices = [i for i, (_, message) in enumerate(rows) if isinstance(message, Advice)]
+        for i in advices[-1:]:
+            rows[i] = (rows[i][0] + 60 * S // 1000, rows[i][1])
+        return rows
+
+    monkeypatch.setattr(echo, "_decoded", late)
+    slow = MeasuredElsewhere(p50_ms=50.0, p99_ms=55.0, max_ms=60.0)
+    found = measured(tmp_path, elsewhere={"drive": slow})
+    (line,) = judge_echo(found)[0]
+    assert line.startswith("link drive: 6")
 
 
 def test_a_controller_that_measures_nothing_or_says_nothing_leaves_it_open(demo):
