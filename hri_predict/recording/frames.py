@@ -59,7 +59,7 @@ def frames_of(recording: Recording) -> Frames:
     """Return all people of a recording in even frames; missing frames have no joints.
 
     Raises:
-        RecordingError: it shows no person whom its source did not doubt, or is too long for the
+        RecordingError: it shows no person outside scenes in doubt, or is too long for the
             memory.
     """
     recording = _without_doubted(recording)

@@ -14,7 +14,7 @@ from hri_predict.contracts.scene import Scene
 from hri_predict.recording.recording import Recording
 
 MANY = 10
-"""So many captures in a row are not wrong: the clock was set back."""
+"""From this number of captures in a row on, none is wrong: the clock was set back."""
 LONG_NS = 500_000_000
 """Captures are not as late as this: before the end, fewer than ``MANY`` mean the same."""
 

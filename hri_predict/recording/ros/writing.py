@@ -299,7 +299,7 @@ def _check(recording: Recording) -> None:
         )
     if recording.outputs_ns is None and not any(scene.sees_room for scene in recording.scenes):
         raise RecordingError(
-            f"recording {recording.path}: its source never saw the room without doubt, and a bag "
+            f"recording {recording.path}: no scene saw the room without doubt, and a bag "
             f"holds no other scenes; convert it to csv or mcap"
         )
     most = max(len(scene.people) for scene in recording.scenes)
