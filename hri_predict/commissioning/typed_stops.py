@@ -12,6 +12,8 @@ from hri_predict.run.config import Config
 NEAR = 0.95
 """Fraction of a speed that counts as this speed: the stop is commanded there."""
 _CURVE_STEPS = 40
+_ROUNDED_M_S = 0.001
+"""Speeds of a test, and of a stop, are rounded by less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ def without_top_speed(robots: Sequence[RobotSettings], stopping: Stopping) -> li
     missing = []
     for robot in robots:
         speeds = [stop.speed_m_s for stop in stopping.stops if stop.robot == robot.name]
-        if max(speeds, default=0.0) < NEAR * robot.max_speed_m_s:
+        if max(speeds, default=0.0) < NEAR * robot.max_speed_m_s - _ROUNDED_M_S:
             missing.append(
                 f"robot {robot.name}: no stop from its highest speed, {robot.max_speed_m_s:g} m/s"
             )

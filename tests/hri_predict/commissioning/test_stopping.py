@@ -13,7 +13,12 @@ from hri_predict.commissioning.stopping import (
     judge_stops,
     measure_stops,
 )
-from hri_predict.commissioning.typed_stops import MeasuredStop, typed_stops
+from hri_predict.commissioning.typed_stops import (
+    NEAR,
+    MeasuredStop,
+    typed_stops,
+    without_top_speed,
+)
 from hri_predict.contracts.link import Received
 from hri_predict.run import assemble
 from tests.hri_predict.commissioning.cells import cell_data, load_cell
@@ -21,6 +26,7 @@ from tests.messages import make_state
 
 S, MS = 1_000_000_000, 1_000_000
 PLAN = StoppingTrials(speeds_m_s=[0.5], repeats=1, wait_s=2.0)
+PLAN_OF_PARTS = StoppingTrials(speeds_m_s=[], repeats=1, wait_s=1.0)
 
 
 @pytest.fixture(autouse=True)
@@ -194,11 +200,20 @@ def test_what_the_integrator_measured_is_compared_with_the_table(tmp_path):
     assert worst(found)["arm", 0.7] is not found.stops[0]
 
 
+@pytest.mark.parametrize("top_m_s", [0.3333, 0.6664, 1.0])
+def test_a_speed_that_was_rounded_for_the_test_is_still_the_highest(tmp_path, top_m_s):
+    config = empty_cell(tmp_path)
+    robots = [config.node.robots[0].model_copy(update={"max_speed_m_s": top_m_s})]
+    reached = NEAR * PLAN_OF_PARTS.speeds_of(robots[0])[-1]
+    for speed_m_s, missing in ((reached, 0), (0.9 * top_m_s, 1)):
+        found = typed_stops(config, [MeasuredStop("arm", round(speed_m_s, 4), 0.1, 0.1)])
+        assert len(without_top_speed(robots, found)) == missing
+
+
 def test_each_robot_is_stopped_at_parts_of_its_own_speed(tmp_path):
     (arm,) = empty_cell(tmp_path).node.robots
     fast = arm.model_copy(update={"max_speed_m_s": 2.0})
-    plan = StoppingTrials(speeds_m_s=[], repeats=1, wait_s=1.0)
-    assert [plan.speeds_of(robot) for robot in (arm, fast)] == [
+    assert [PLAN_OF_PARTS.speeds_of(robot) for robot in (arm, fast)] == [
         [0.25, 0.5, 0.75, 1.0],
         [0.5, 1.0, 1.5, 2.0],
     ]
