@@ -153,8 +153,9 @@ class Aggregated(Network):
         return progress / self.options.pretraining
 
     def _near(self, target: Target) -> Target:
-        steps = self.options.steps
-        return Target(target.positions[:, :steps], target.observed[:, :steps], target.past)
+        near = slice(self.options.steps)
+        spread = None if target.spread is None else target.spread[:, near]
+        return Target(target.positions[:, near], target.observed[:, near], target.past, spread)
 
 
 class AggregatedPredictor(NeuralPredictor):

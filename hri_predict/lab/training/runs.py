@@ -207,8 +207,9 @@ def _continues(given: NetworkOptions, ours: NetworkOptions) -> bool:
     """Whether weights trained with ``given`` mean the same in a network with ``ours``."""
     defaults = type(ours)()
     free = {name: getattr(defaults, name) for name in ours.training}
-    if all(getattr(given, name) == getattr(defaults, name) for name in ours.added):
-        free |= {name: getattr(defaults, name) for name in ours.added}
+    for name in ours.added:
+        if getattr(given, name) == getattr(defaults, name):
+            free[name] = getattr(defaults, name)
     return given.model_copy(update=free) == ours.model_copy(update=free)
 
 

@@ -41,7 +41,7 @@ class Teachers:
             self._asked.append((network.shape.history_steps, network.lean()))
 
     def teach(self, window: BodyFrames, target: Target) -> Target:
-        """Replace the future of the first windows with the teachers' mean, in the body frame.
+        """Replace the future of the first windows with the teachers' mean, and state their spread.
 
         Steps beyond the shortest of the teachers' horizons are then unknown.
         """
@@ -49,18 +49,21 @@ class Teachers:
         if not self._asked or taught == 0:
             return target
         positions, known = target.positions.clone(), target.observed.clone()
-        said = self._mean(BodyFrames(window.positions[:taught], window.observed[:taught]))
-        positions[:taught, : self._steps] = said
+        said = self._said(BodyFrames(window.positions[:taught], window.observed[:taught]))
+        positions[:taught, : self._steps] = said.mean(0)
         known[:taught, : self._steps], known[:taught, self._steps :] = True, False
-        return Target(positions, known, target.past)
+        spread = torch.full(known.shape, torch.nan)
+        spread[:taught, : self._steps] = said.var(0, correction=0).mean(-1).sqrt()
+        return Target(positions, known, target.past, spread)
 
     @torch.no_grad()
-    def _mean(self, window: BodyFrames) -> Tensor:
-        total = torch.zeros(())
+    def _said(self, window: BodyFrames) -> Tensor:
+        """(teachers, B, H, J, 3)."""
+        said = []
         for steps, forward in self._asked:
             newest = BodyFrames(window.positions[:, -steps:], window.observed[:, -steps:])
-            total = total + forward(newest)[:, : self._steps, :, :3]
-        return total / len(self._asked)
+            said.append(forward(newest)[:, : self._steps, :, :3])
+        return torch.stack(said)
 
 
 def _teacher(name: str, shape: Shape) -> Network:

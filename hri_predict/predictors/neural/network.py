@@ -69,11 +69,14 @@ class Target:
     Attributes:
         past: the true past, (B, T, J, 3), without the noise that augmentation gave the window;
             ``None``: the window itself is true where it is observed.
+        spread: (B, H, J) m, standard deviation per axis between the teachers whose mean the
+            positions are; NaN where no teacher says them. ``None``: no teachers.
     """
 
     positions: Tensor
     observed: Tensor
     past: "Target | None" = None
+    spread: Tensor | None = None
 
     def past_of(self, window: BodyFrames) -> "Target":
         """The truth (B, T, J, 3) of a window, known where its joints are observed."""
@@ -84,7 +87,8 @@ class Target:
     def to(self, device: torch.device) -> "Target":
         """The same on another device."""
         past = None if self.past is None else self.past.to(device)
-        return Target(self.positions.to(device), self.observed.to(device), past)
+        spread = None if self.spread is None else self.spread.to(device)
+        return Target(self.positions.to(device), self.observed.to(device), past, spread)
 
 
 class NetworkOptions(Settings):
@@ -220,6 +224,7 @@ def network_class_of(predictor: str) -> NetworkClass | None:
     return cls.network_class if isinstance(cls, Trained) else None
 
 
+_LEAST_SPREAD_M = 1e-3
 DECIMETRES = 10.0
 """Per metre: networks work with lengths of about 1, as in section 5.2 of AuxFormer's paper."""
 
@@ -253,3 +258,16 @@ def deviation_loss(predicted: Tensor, target: Target) -> Tensor:
     log, known = predicted[..., 3], target.observed
     each = 3.0 * log + 0.5 * squared * (-2.0 * log).exp()
     return (each * known).sum() / known.sum().clamp(min=1)
+
+
+def stated_loss(predicted: Tensor, target: Target) -> Tensor:
+    """Error of the fourth number of (B, H, J, 4): against the teachers' spread, where there is one.
+
+    Logarithms are compared, so that a factor of two is as wrong in a hand as in a hip; a spread
+    below a millimetre counts as one. Without teachers: ``deviation_loss``.
+    """
+    if target.spread is None:
+        return deviation_loss(predicted, target)
+    known = target.spread.isfinite()
+    wanted = torch.where(known, target.spread, 1.0).clamp(min=_LEAST_SPREAD_M).log()
+    return ((predicted[..., 3] - wanted).abs() * known).sum() / known.sum().clamp(min=1)

@@ -49,12 +49,14 @@ from hri_predict.predictors.neural.network import (
     Target,
     last_pose,
     mpjpe,
+    stated_loss,
 )
 from hri_predict.predictors.neural.predictor import NeuralPredictor
 from hri_predict.predictors.neural.settings import NeuralSettings
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights
 from hri_predict.predictors.sinn.side_by_side import SideBySide, fits
-from hri_predict.predictors.sinn.start import Start, gated
+from hri_predict.predictors.sinn.spread import Spread
+from hri_predict.predictors.sinn.start import Start, Started, gated
 from hri_predict.predictors.sinn.symplectic import (
     Critic,
     Operator,
@@ -63,6 +65,7 @@ from hri_predict.predictors.sinn.symplectic import (
 )
 from hri_predict.predictors.temporal_aggregation import aggregate
 
+_SPREAD_WEIGHT = 0.01  # it trains the spread alone; of metres, as the others are
 _START_UNITS = 64  # as many as suffice for a few numbers of one joint
 
 
@@ -81,6 +84,7 @@ class SINNOptions(NetworkOptions):
         start_frames: frames from which the first momentum and the last pose are filtered; 0: the
             paper's difference of the last two.
         gate: with ``start_frames``: scale each joint's change by a gate on its recent motion.
+        spread: with ``start_frames``: foresee how far the teachers differ (``train.teachers``).
         pretraining: share of the training in which the operator alone learns (L_so).
         momentum_weight: weight of L_so and L_g.
         position_weight: weight of the MPJPE, per metre, in both stages.
@@ -98,6 +102,7 @@ class SINNOptions(NetworkOptions):
     pose: Literal["none", "direction", "all"] = "all"
     start_frames: int = Field(0, ge=0, le=25)
     gate: bool = False
+    spread: bool = False
     pretraining: float = Field(0.4, ge=0, le=1)
     momentum_weight: float = Field(0.2, ge=0)
     position_weight: float = Field(1.0, ge=0)
@@ -105,7 +110,7 @@ class SINNOptions(NetworkOptions):
     critic_steps: int = Field(25, ge=1, le=1000)
     gradient_penalty: float = Field(10.0, ge=0)
 
-    added: ClassVar[tuple[str, ...]] = ("start_frames", "gate")
+    added: ClassVar[tuple[str, ...]] = ("start_frames", "gate", "spread")
     training: ClassVar[tuple[str, ...]] = (
         "pretraining", "momentum_weight", "position_weight", "adversarial_weight",
         "gradient_penalty",
@@ -117,8 +122,9 @@ class SINNOptions(NetworkOptions):
             raise ValueError("start_frames 1: one frame has no velocity; use 0, or 2 or more")
         if self.start_frames and self.representation == "position":
             raise ValueError("start_frames: positions have no first velocity; use 0")
-        if self.gate and not self.start_frames:
-            raise ValueError("gate: needs the last frames; set start_frames (7)")
+        for name in ("gate", "spread"):
+            if getattr(self, name) and not self.start_frames:
+                raise ValueError(f"{name}: needs the last frames; set start_frames (7)")
         return self
 
 
@@ -147,12 +153,13 @@ class SINN(Network):
         self.start = (
             Start(shape.joints, frames, _START_UNITS, options.gate) if frames >= 2 else None
         )
+        self.spread = Spread(_START_UNITS) if options.spread and self.start else None
         per_step = shape.joints * (2 + self.representation.channels)
         self.critic = Critic(options.critic_steps * per_step, options.hidden)
         self._rolled: tuple[BodyFrames, Tensor, Tensor, Tensor] | None = None
 
     def forward(self, window: BodyFrames) -> Tensor:
-        """Predict (B, H, J, 3) metres in the body frame, integrated from the last pose."""
+        """Predict (B, H, J, 3 or 4) in the body frame, integrated from the last pose."""
         return self._roll(window, self.shape.horizon_steps)[0]
 
     def lean(self) -> Callable[[BodyFrames], Tensor]:
@@ -163,16 +170,17 @@ class SINN(Network):
         rolled = SideBySide(self.operator, self.shape.history_steps, self.shape.rate_hz, root)
 
         def ahead(window: BodyFrames) -> Tensor:
-            window, last, first, logits = self._started(window)
+            window, first, started = self._started(window)
             positions = rolled(window.positions, window.observed, first, self.shape.horizon_steps)
-            return positions if logits is None else gated(last, positions, logits)
+            return self._ended(positions, started)
 
         return ahead
 
     def _roll(self, window: BodyFrames, horizon_steps: int) -> tuple[Tensor, Tensor, Tensor]:
-        """Positions (B, H, J, 3); their momenta (B, H, J, 3, C); the pose they start from."""
+        """Forecast (B, H, J, 3 or 4); its momenta (B, H, J, 3, C); the pose it starts from."""
         zetas: list[Tensor] = []
-        window, last, first, logits = self._started(window)
+        window, first, started = self._started(window)
+        last = last_pose(window)
 
         def operate(current: BodyFrames) -> Tensor:
             read = self.representation.read(current)
@@ -180,21 +188,28 @@ class SINN(Network):
             zetas.append(self.operator(read, current.observed, self._pose(current), begin))
             return self.representation.integrate(last_pose(current), zetas[-1])
 
-        positions = aggregate(operate, window, horizon_steps)
-        if logits is not None:
-            positions = gated(last, positions, logits)
-        return positions, torch.cat(zetas, 1)[:, :horizon_steps], last
+        forecast = self._ended(aggregate(operate, window, horizon_steps), started)
+        return forecast, torch.cat(zetas, 1)[:, :horizon_steps], last
 
-    def _started(
-        self, window: BodyFrames
-    ) -> tuple[BodyFrames, Tensor, Tensor | None, Tensor | None]:
-        """The window with its last pose filtered, that pose, the first momentum, and the gate."""
+    def _started(self, window: BodyFrames) -> tuple[BodyFrames, Tensor | None, Started | None]:
+        """The window with its last pose filtered, the first momentum, and what it starts from."""
         if self.start is None:
-            return window, last_pose(window), None, None
-        last, velocity, logits = self.start(window, self.shape.rate_hz)
-        first = self.representation.of_velocity(velocity)
-        window = BodyFrames(torch.cat([window.positions[:, :-1], last], 1), window.observed)
-        return window, last, first, logits
+            return window, None, None
+        started: Started = self.start(window, self.shape.rate_hz)
+        first = self.representation.of_velocity(started.velocity)
+        window = BodyFrames(torch.cat([window.positions[:, :-1], started.last], 1), window.observed)
+        return window, first, started
+
+    def _ended(self, positions: Tensor, started: Started | None) -> Tensor:
+        """The forecast, gated and with its spread where the options ask for them."""
+        if started is None:
+            return positions
+        if started.gate is not None:
+            positions = gated(started.last, positions, started.gate)
+        if self.spread is None:
+            return positions
+        spread = self.spread(started.known, started.last, positions)
+        return torch.cat([positions, spread], -1)
 
     def _pose(self, window: BodyFrames) -> Tensor:
         if self.shape.framed:
@@ -207,24 +222,31 @@ class SINN(Network):
         pretraining = progress < self.options.pretraining
         if pretraining:
             window, target = self._anywhere(window, target, progress)
-        positions, zeta, last = self._rolled_out(window, target.positions.shape[1])
+        adversarial = self.options.adversarial_weight * (not pretraining)
+        if not pretraining and adversarial == self.options.momentum_weight == 0:
+            return self._of_positions(self.lean()(window), target)  # a third less time
+        forecast, zeta, last = self._rolled_out(window, target.positions.shape[1])
         truth, known = self._truth(window, last, target)
         momentum = momentum_error(zeta, truth, known, not pretraining)  # Eq. 10, later Eq. 11
-        losses = {
-            "momentum": self.options.momentum_weight * momentum,
-            "position": self.options.position_weight * mpjpe(positions, target),
-        }
-        if pretraining or self.options.adversarial_weight == 0:
+        losses = {"momentum": self.options.momentum_weight * momentum}
+        losses |= self._of_positions(forecast, target)
+        if adversarial == 0:
             return losses
         score = self.critic(self._motion(zeta, known), frozen=True).mean()
-        return losses | {"adversarial": self.options.adversarial_weight * score}
+        return losses | {"adversarial": adversarial * score}
+
+    def _of_positions(self, forecast: Tensor, target: Target) -> dict[str, Tensor]:
+        losses = {"position": self.options.position_weight * mpjpe(forecast, target)}
+        if forecast.shape[-1] == 4:
+            losses["spread"] = _SPREAD_WEIGHT * stated_loss(forecast, target)
+        return losses
 
     def critic_loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor | None:
         """L_c (Eq. 12) with a gradient penalty; ``None`` while the operator alone learns."""
         if progress < self.options.pretraining or self.options.adversarial_weight == 0:
             return None
-        positions, zeta, last = self._roll(window, target.positions.shape[1])
-        self._rolled = (window, positions, zeta, last)
+        forecast, zeta, last = self._roll(window, target.positions.shape[1])
+        self._rolled = (window, forecast, zeta, last)
         truth, known = self._truth(window, last, target)
         return self.critic.loss(
             self._motion(truth, known),

@@ -8,6 +8,8 @@ filters' weights: a clean joint is taken as it is, a noisy one is smoothed. Its 
 on axes or body: lengths of velocities, angles between them, and the joint's index.
 """
 
+from dataclasses import dataclass
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -17,6 +19,23 @@ from hri_predict.predictors.neural.network import BodyFrames
 _REST_SPEED = 0.05  # m/s; as in ``symplectic``
 _GATED_STEPS = 25.0  # the far gate holds from here on
 _OPEN = 4.0  # an untrained gate lets 98 % of the change through
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """What a forecast starts from.
+
+    Attributes:
+        last: (B, 1, J, 3) m, the last pose.
+        velocity: (B, 1, J, 3) m/s.
+        gate: (B, J, 2) the gate's logits, or ``None``.
+        known: (B, J, hidden) features of how each joint moved.
+    """
+
+    last: Tensor
+    velocity: Tensor
+    gate: Tensor | None
+    known: Tensor
 
 
 class Start(nn.Module):
@@ -47,24 +66,20 @@ class Start(nn.Module):
         self.gate = gate
         self.register_buffer("slope", least_squares_slope(frames), persistent=False)
 
-    def forward(self, window: BodyFrames, rate_hz: float) -> tuple[Tensor, Tensor, Tensor | None]:
-        """Filter the end of a window.
-
-        Returns:
-            The last pose (B, 1, J, 3), the velocity (B, 1, J, 3) in m/s, and the gate's logits
-            (B, J, 2) or ``None``.
-        """
-        velocities, weights = self._weights(window, rate_hz)
+    def forward(self, window: BodyFrames, rate_hz: float) -> Started:
+        """Filter the end of a window."""
+        velocities, known = self._known(window, rate_hz)
+        weights = self.head(known)
         count = self.velocities
         back = torch.einsum("bjk,bkjc->bjc", weights[..., :count], velocities) / rate_hz
         ahead = torch.einsum(
             "bjk,bkjc->bjc", self.slope + weights[..., count : 2 * count], velocities
         )
         last = window.positions[:, -1:] + back[:, None]
-        return last, ahead[:, None], weights[..., -2:] if self.gate else None
+        return Started(last, ahead[:, None], weights[..., -2:] if self.gate else None, known)
 
-    def _weights(self, window: BodyFrames, rate_hz: float) -> tuple[Tensor, Tensor]:
-        """The last velocities (B, K, J, 3), oldest first, and all outputs (B, J, 2 K [+ 2])."""
+    def _known(self, window: BodyFrames, rate_hz: float) -> tuple[Tensor, Tensor]:
+        """The last velocities (B, K, J, 3), oldest first, and features (B, J, hidden)."""
         count = self.velocities
         recent = window.positions[:, -count - 1 :]
         v = (recent[:, 1:] - recent[:, :-1]) * rate_hz
@@ -84,7 +99,7 @@ class Start(nn.Module):
             -1,
         )
         hidden = F.gelu(self.first(features) + self.joint)
-        return v, self.head(F.gelu(self.second(hidden)))
+        return v, F.gelu(self.second(hidden))
 
 
 def gated(last: Tensor, positions: Tensor, logits: Tensor) -> Tensor:

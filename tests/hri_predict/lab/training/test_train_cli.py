@@ -146,12 +146,19 @@ def test_weights_without_an_added_part_start_a_network_with_it(tmp_path):
         })  # fmt: skip
         return build_network(config, open_samples(config)).state_dict()
 
-    old = load_weights(given).network.state_dict()
-    new = built(start_frames=7, gate=True, pretraining=0.0)
-    assert new.keys() > old.keys()
-    for name, value in old.items():
-        if not name.startswith("critic"):
-            torch.testing.assert_close(new[name], value)
+    def grows(**options):
+        """Train with an added part, and take the result as what is given next."""
+        old, new = load_weights(given).network.state_dict(), built(**options)
+        assert new.keys() > old.keys()
+        for name, value in old.items():
+            if not name.startswith("critic"):
+                torch.testing.assert_close(new[name], value)
+        network = SINN(shape, SINNOptions.model_validate(small | options))
+        network.load_state_dict(new)
+        save_weights(given, "sinn", network, {})
+
+    grows(start_frames=7, gate=True, pretraining=0.0)
+    grows(start_frames=7, gate=True, spread=True, pretraining=0.0)
     with pytest.raises(ConfigError, match="have another network, shape or options"):
         built(pose="none")
 

@@ -51,7 +51,9 @@ def test_the_shipped_weights_give_the_same_forecast(people, seen):
     ("history", "horizon", "steps"),
     [(6, 10, 5), (12, 10, 5), (12, 9, 4), (5, 30, 3), (25, 60, 5), (7, 2, 5), (3, 8, 1), (2, 4, 1)],
 )
-@pytest.mark.parametrize("start", [{}, {"start_frames": 7, "gate": True}])
+@pytest.mark.parametrize(
+    "start", [{}, {"start_frames": 7, "gate": True}, {"start_frames": 7, "spread": True}]
+)
 def test_any_history_horizon_and_number_of_steps(history, horizon, steps, start):
     """Readings may begin among the predicted frames, and anywhere within what was predicted."""
     shape = Shape(skeleton=BODY, history_steps=history, horizon_steps=horizon, rate_hz=25.0)

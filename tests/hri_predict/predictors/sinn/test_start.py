@@ -34,18 +34,19 @@ def test_untrained_it_starts_at_the_last_pose_with_the_lines_velocity():
     start = Start(28, 7, 8, gate=True)
     step = torch.randn(2, 1, 28, 3) * 0.03
     line = window(torch.randn(2, 1, 28, 3) + step * torch.arange(12).view(1, -1, 1, 1))
-    last, velocity, logits = start(line, 25.0)
+    started = start(line, 25.0)
+    last = started.last
     torch.testing.assert_close(last, line.positions[:, -1:])
     # differences of positions of 3 m in 32-bit floats, times 25: 2e-7 x 3 x 25, times ten
-    torch.testing.assert_close(velocity, step * 25, rtol=0, atol=2e-4)
-    assert logits is not None
-    moved = gated(last, last + 1.0, logits) - last
+    torch.testing.assert_close(started.velocity, step * 25, rtol=0, atol=2e-4)
+    assert started.gate is not None
+    moved = gated(last, last + 1.0, started.gate) - last
     torch.testing.assert_close(moved, torch.full_like(moved, 0.982), rtol=0, atol=1e-3)
 
 
 def test_white_noise_moves_the_untrained_velocity_a_third_as_much():
     noise = 0.02 * torch.randn(200, 12, 28, 3, generator=torch.Generator().manual_seed(1))
-    velocity = Start(28, 7, 8, gate=False)(window(noise), 25.0)[1]
+    velocity = Start(28, 7, 8, gate=False)(window(noise), 25.0).velocity
     # a slope over 7 frames: sigma / sqrt(28); a difference of two: sigma sqrt(2)
     assert float(velocity.detach().std() / 25) == pytest.approx(0.02 / 28**0.5, rel=0.05)
 
@@ -59,9 +60,9 @@ def test_filters_do_not_depend_on_where_or_how_a_person_stands():
     there = start(window(walk), 25.0)
     elsewhere = start(window(walk @ turn + 2.0), 25.0)
     # 32-bit floats at 3 m: 2e-7 m, times 25 for velocities, times a network's few operations
-    torch.testing.assert_close(elsewhere[0], there[0] @ turn + 2.0, rtol=0, atol=1e-4)
-    torch.testing.assert_close(elsewhere[1], there[1] @ turn, rtol=1e-3, atol=1e-3)
-    torch.testing.assert_close(elsewhere[2], there[2], rtol=1e-2, atol=1e-3)
+    torch.testing.assert_close(elsewhere.last, there.last @ turn + 2.0, rtol=0, atol=1e-4)
+    torch.testing.assert_close(elsewhere.velocity, there.velocity @ turn, rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(elsewhere.gate, there.gate, rtol=1e-2, atol=1e-3)
 
 
 def test_a_shut_gate_stands_still():
@@ -86,6 +87,7 @@ def test_every_part_of_the_start_learns():
         ({"start_frames": 1}, "one frame has no velocity"),
         ({"start_frames": 7, "representation": "position"}, "positions have no first velocity"),
         ({"gate": True}, "set start_frames"),
+        ({"spread": True}, "set start_frames"),
     ],
 )
 def test_options_that_contradict_are_refused_in_one_line(options, says):
