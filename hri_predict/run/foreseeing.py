@@ -83,7 +83,8 @@ class Foreseeing(PredictionRunner):
         """Run the thread: forecast batch after batch, until the recording or the run ends."""
         try:
             while not self._ended.is_set():
-                snapshots, histories = [], 0
+                snapshots: list[PeopleSnapshot] = []
+                histories = 0
                 while histories < BATCH and len(snapshots) < _TICKS:
                     if (snapshot := next(self._ahead, None)) is None:
                         break

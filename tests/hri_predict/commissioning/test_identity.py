@@ -292,7 +292,7 @@ def two_sensors(**of_front):
 
 
 def test_changed_code_of_one_of_several_sensors_is_a_difference(tmp_path, monkeypatch):
-    codes = {"udp": None}
+    codes: dict[str, str | None] = {"udp": None}
     monkeypatch.setattr(registry, "code_of_part", lambda kind, name: codes.get(name))
     config = load_cell(tmp_path, two_sensors())
     before = identity_of(config)

@@ -165,5 +165,6 @@ def test_a_replay_is_the_same_bytes_ahead_and_tick_by_tick(ticks, recorded, tmp_
         run(played, Options(factor=None, until_exhausted=True, record=files[-1]))
     ahead, plainly = made
     assert plainly is None
+    assert ahead is not None
     assert ahead.used > 60
     assert files[0].read_bytes() == files[1].read_bytes()

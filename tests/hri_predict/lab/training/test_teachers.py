@@ -66,6 +66,7 @@ def test_the_mean_of_the_teachers_replaces_the_truth_of_a_share(known):
     assert torch.equal(taught.positions[2:], target.positions[2:])
     assert not taught.observed[2:].any()
     assert (target.positions == 9.0).all(), "the truth itself was changed"
+    assert taught.spread is not None
     # the teachers differ by 1 m along one of three axes: 0.5 m from their mean, sqrt(0.25 / 3)
     torch.testing.assert_close(taught.spread[:2], torch.full((2, 3, 28), (0.25 / 3) ** 0.5))
     assert taught.spread[2:].isnan().all()
@@ -77,6 +78,7 @@ def test_steps_beyond_the_shortest_teacher_are_unknown(known):
     taught = Teachers(names, 1.0, SHAPE).teach(*batch())
     assert taught.observed[:, :2].all()
     assert not taught.observed[:, 2:].any()
+    assert taught.spread is not None
     assert taught.spread[:, 2:].isnan().all()
 
 
