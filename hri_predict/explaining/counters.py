@@ -13,6 +13,7 @@ BEFORE_NS, AFTER_NS = 3 * NS, 1 * NS
 _NORMAL = {
     "messages_sent", "bytes_sent", "messages_received", "bytes_received", "superseded", "decimated",
     "scenes", "scenes_in", "frames_in", "appeared", "left_by_exit", "stamps_evened", "seen_free",
+    "echoes",
 }  # fmt: skip
 """Counters that increase in a healthy cell."""
 DAMAGE = ("crc_errors", "malformed", "incomplete", "counter_errors")

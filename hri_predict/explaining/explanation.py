@@ -14,7 +14,7 @@ from hri_predict.explaining.deciding import (
     way_of,
 )
 from hri_predict.explaining.episodes import WAITING, Episode, level_of
-from hri_predict.explaining.full_speed import enough_m, full_speed, full_speeds
+from hri_predict.explaining.full_speed import enough_m, full_speed, full_speeds, start_m
 from hri_predict.explaining.hindsight import hindsight
 from hri_predict.explaining.reason_clause import (
     because,
@@ -110,7 +110,8 @@ def separation(about: Situation) -> dict[str, Any] | None:
 
     ``short_m`` is the missing distance; negative if the distance was larger than required.
     ``milder_way``: rule that required less than ``way``, and so decided; ``None``: ``way`` decided.
-    ``full_speed_enough_m``: see ``enough_m``.
+    ``full_speed_enough_m``: see ``enough_m``. ``start_enough_m``: see ``start_m``;
+    ``start_short_m``: what ``nearest_m`` lacked of it. Both are ``None`` if the robot may move.
     """
     data, grounds = about.advice.data, mapped(about.advice.data.get("grounds"))
     terms = mapped(grounds.get("terms_m"))
@@ -118,6 +119,9 @@ def separation(about: Situation) -> dict[str, Any] | None:
         return None
     has_m, needed_m = distance_of(about.advice), needed_by(about.advice)
     milder_m = milder_slack_of(about.advice)
+    nearest_m = number(data.get("separation_m"))
+    start = None if number(data.get("speed_limit_m_s")) else start_m(about)
+    short = None if start is None or nearest_m is None else start - nearest_m
     return {
         "person": person_of(about.advice),
         "body_part": part_of(about.advice) or text(grounds.get("segment")),
@@ -127,11 +131,13 @@ def separation(about: Situation) -> dict[str, Any] | None:
         "milder_slack_m": milder_m,
         "joints_not_seen": hidden_ends_in(about),
         "separation_m": has_m,
-        "nearest_m": number(data.get("separation_m")),
+        "nearest_m": nearest_m,
         "predicted_separation_m": number(data.get("predicted_separation_m")),
         "needed_m": _rounded(needed_m),
         "short_m": None if has_m is None or needed_m is None else round(needed_m - has_m, 4),
         "widened": widened(about, text(grounds.get("way"))),
+        "start_enough_m": _rounded(start),
+        "start_short_m": _rounded(short),
         "full_speed_enough_m": _rounded(enough_m(about)),
         "speed_m_s": number(data.get("speed_m_s")),
         "limit_m_s": number(data.get("speed_limit_m_s")),

@@ -1,4 +1,4 @@
-"""Full speed of each robot, and the distance from people that is enough for it."""
+"""Full speed of each robot, and the distances from people that are enough for it and to start."""
 
 import yaml
 
@@ -7,6 +7,7 @@ from hri_predict.explaining.deciding import milder_slack_of, needed_by
 from hri_predict.explaining.situation import Situation
 from hri_predict.explaining.values import listed, mapped, number, text, whole
 from hri_predict.recording import RecordingInfo, Told
+from hri_predict.recording.mcap.info import FullSpeed
 
 
 def is_full(limit_m_s: float | None, full_m_s: float | None) -> bool:
@@ -40,15 +41,36 @@ def enough_m(about: Situation) -> float | None:
     robot was measured to stop later than the table from which it follows, or it needed more even as
     it moved.
     """
-    stated = about.info.full_speed.get(about.robot)
-    if stated is None or not _as_assumed(about) or any(map(_stops_late, about.window.node)):
+    stated = _stated(about)
+    if stated is None:
         return None
-    terms = mapped(mapped(about.advice.data.get("grounds")).get("terms_m"))
-    z_r_m = number(terms.get("z_r")) or 0.0
-    enough, needed = stated.enough_m + max(0.0, z_r_m - stated.z_r_m), needed_by(about.advice)
+    enough, needed = stated.enough_m + _more_z_r_m(about, stated), needed_by(about.advice)
     if milder_slack_of(about.advice) is None and needed is not None and needed > enough:
         return None  # the person moved otherwise than the standard assumes: only zones counted
     return enough
+
+
+def start_m(about: Situation) -> float | None:
+    """Return the distance from people at which a robot that may not move may start, or move on.
+
+    By the standard, as for ``enough_m``, and ``None`` in the same cases.
+    """
+    stated = _stated(about)
+    if stated is None or stated.start_m is None or enough_m(about) is None:
+        return None
+    return stated.start_m + _more_z_r_m(about, stated)
+
+
+def _stated(about: Situation) -> FullSpeed | None:
+    """Return the distances that the recording states, if they apply to the deciding person."""
+    stops_late = any(map(_stops_late, about.window.node))
+    return about.info.full_speed.get(about.robot) if _as_assumed(about) and not stops_late else None
+
+
+def _more_z_r_m(about: Situation, stated: FullSpeed) -> float:
+    """Return by how much the robot's position was less certain than stated."""
+    terms = mapped(mapped(about.advice.data.get("grounds")).get("terms_m"))
+    return max(0.0, (number(terms.get("z_r")) or 0.0) - stated.z_r_m)
 
 
 def _as_assumed(about: Situation) -> bool:

@@ -17,7 +17,7 @@ from hri_predict.explaining.deciding import (
     way_of,
 )
 from hri_predict.explaining.episodes import WAITING, slows, waits
-from hri_predict.explaining.full_speed import enough_m, full_speed, is_full
+from hri_predict.explaining.full_speed import enough_m, full_speed, is_full, start_m
 from hri_predict.explaining.situation import Situation, hidden_ends_in, situation
 from hri_predict.explaining.times import NS, AskedTime
 from hri_predict.explaining.values import listed, mapped, metres, number, text, whole
@@ -141,10 +141,14 @@ def _zones(about: Situation) -> str:
 
 
 def _enough(about: Situation) -> str:
-    """Return the distance that would have been enough for full speed, if it is known."""
+    """Return the distances that would have been enough to start and for full speed, if known."""
     enough, has_m = enough_m(about), distance_of(about.advice)
     if enough is None or has_m is None or has_m >= enough:  # another pair was nearer
         return ""
+    start = None if number(about.advice.data.get("speed_limit_m_s")) else start_m(about)
+    if start is not None:
+        then = "" if has_m < start else ", once new captures confirm it"
+        return f"; {start:.2f} m are enough to start{then}, and {enough:.2f} m for full speed"
     return f"; {enough:.2f} m are enough for full speed"
 
 

@@ -37,8 +37,9 @@ def people_seen(
 
     Returns:
         One dict per person: ``id``; ``state``: tracked or lost; ``last_seen_s``: seconds since a
-        joint was last seen, ``None`` if none was; ``age_s``: age of the capture, ``None`` without a
-        forecast; ``observed``, ``joints``: numbers of observed and of available joints;
+        joint was last seen, ``None`` if none was; ``age_s``: age of the capture when the last
+        recorded forecast was made, which may be earlier, ``None`` without a forecast;
+        ``observed``, ``joints``: numbers of observed and of available joints;
         ``missing``: names of the missing joints; ``unmapped``: names of joints that the source
         never delivers; ``speed``: "" if the standard's speed is used.
     """

@@ -68,7 +68,8 @@ def _seen(people: Iterable[Mapping[str, Any]]) -> Iterator[str]:
         if person["last_seen_s"] is not None:
             parts.append(f"last seen {person['last_seen_s']:.2f} s before")
         if person["age_s"] is not None:
-            parts.append(f"capture {person['age_s'] * 1e3:.0f} ms old")
+            age_ms = person["age_s"] * 1e3
+            parts.append(f"capture {age_ms:.0f} ms old at the last forecast recorded before")
         parts.append(f"{person['observed']} of {person['joints']} joints observed")
         if person["missing"] and person["observed"]:
             parts.append("not: " + ", ".join(map(in_words, person["missing"])))
@@ -118,18 +119,26 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
     if short is not None and short <= 0 and not found["limit_m_s"]:
         yield (
             "This distance is for the robot as it moved. To move on or to start, the robot needs "
-            "more: room for its slowest speed (risk.min_speed_m_s), and risk.band_m to be released."
+            "more: room for its slowest speed (risk.min_speed_m_s) and risk.slow_margin_m, and "
+            "risk.band_m to be released" + (", see below." if found["start_enough_m"] else ".")
         )
     yield "From any part of a body to any part of the robot:"
     yield _row("minimum distance then", found["nearest_m"])
     if found["predicted_separation_m"] is not None:
         meant = "minimum distance to the zones until the robot stops"
         yield _row(meant, found["predicted_separation_m"])
+    if found["start_enough_m"] is not None:
+        yield _row("distance that is enough to start or to move on", found["start_enough_m"])
+        lacked = found["start_short_m"]
+        if lacked is not None:
+            yield _row("  missing of it" if lacked > 0 else "  to spare", abs(lacked))
+            if lacked <= 0:
+                yield "  (it starts once risk.release_captures new captures confirm it)"
     if found["full_speed_enough_m"] is not None:
         yield _row("distance that is enough for full speed", found["full_speed_enough_m"])
         yield (
             "  (for people no faster than the standard assumes, with risk.slow_margin_m and "
-            "risk.band_m; the zones may permit full speed nearer)"
+            "risk.band_m; the zones may permit it nearer)"
         )
     yield from _standard(found)
 

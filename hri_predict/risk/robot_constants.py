@@ -148,13 +148,18 @@ def worst_distance(
     budget: DelayBudget,
     *,
     human_m_s: float = 0.0,
+    speed_m_s: float | None = None,
 ) -> ProtectiveDistance:
-    """Return S_p at a robot's highest speed and the longest delay, term by term."""
+    """Return S_p at the longest delay, term by term.
+
+    ``speed_m_s``: the robot's speed; ``None``: its highest.
+    """
+    speed_m_s = robot.max_speed_m_s if speed_m_s is None else speed_m_s
     of_base_m = 0.0 if model.mobile is None else model.mobile.uncertainty_m
     return protective_distance(
-        robot.max_speed_m_s,
+        speed_m_s,
         budget.reaction_s(budget.stale_s, robot.name),
-        *model.stopping(robot.max_speed_m_s),
+        *model.stopping(speed_m_s),
         intrusion_m=settings.intrusion_m,
         person_uncertainty_m=settings.person_uncertainty_m,
         robot_uncertainty_m=settings.robot_uncertainty_m + of_base_m,

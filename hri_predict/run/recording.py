@@ -14,6 +14,7 @@ from hri_predict.recording.mcap.clocks import Clocks, SystemClocks, VirtualClock
 from hri_predict.recording.mcap.info import FullSpeed
 from hri_predict.recording.mcap.places import OneFile, RecordingFiles, beside
 from hri_predict.risk.robot_constants import worst_distance
+from hri_predict.robots.stopping import StoppingCurve
 from hri_predict.run.assemble import Assembly, build_budget
 from hri_predict.run.config import Config
 from hri_predict.run.coverage import zones_text
@@ -117,7 +118,8 @@ def info_of(config: Config, source: Source, assembly: Assembly) -> RecordingInfo
 
 
 def _full_speed(config: Config, source: Source, assembly: Assembly) -> dict[str, FullSpeed]:
-    """Return the distance that is enough for each robot's full speed by the standard.
+    """Return the distances that are enough for each robot's full speed, and for its start, by the
+    standard.
 
     Modes ``fixed`` and ``reactive`` do not apply the standard's distance.
     """
@@ -125,11 +127,17 @@ def _full_speed(config: Config, source: Source, assembly: Assembly) -> dict[str,
     if risk.mode not in ("iso", "predictive", "hybrid"):
         return {}
     margins_m = risk.slow_margin_m + risk.band_m + max(risk.region_margins_m.values(), default=0.0)
-    worst = {
-        settings.name: worst_distance(risk, settings, model, budget)
-        for settings, model in zip(config.node.robots, assembly.robots, strict=True)
-    }
-    return {name: FullSpeed(each.total + margins_m, each.z_r) for name, each in worst.items()}
+    found = {}
+    for settings, model in zip(config.node.robots, assembly.robots, strict=True):
+        worst = worst_distance(risk, settings, model, budget)
+        # limits are tabled speeds, and one below the minimum is advised as a stop
+        tabled = StoppingCurve.of(model.stopping, settings.max_speed_m_s).speed_m_s
+        slowest_m_s = float(tabled[tabled >= min(risk.min_speed_m_s, tabled[-1])][0])
+        start = worst_distance(risk, settings, model, budget, speed_m_s=slowest_m_s)
+        found[settings.name] = FullSpeed(
+            worst.total + margins_m, worst.z_r, start.total + margins_m
+        )
+    return found
 
 
 def _refuse_input(config: Config, path: Path) -> None:

@@ -23,17 +23,20 @@ METADATA = "hri_predict"
 
 @dataclass(frozen=True, slots=True)
 class FullSpeed:
-    """Distance from people at which a robot may run at full speed.
+    """Distances from people at which a robot may run at full speed, and may start.
 
     Attributes:
         enough_m: enough by the standard, with the longest delay and all margins, for people at a
             measured speed that it assumes; the zones may permit full speed nearer.
         z_r_m: the uncertainty Z_r of the robot's position in it, at rest. A moving robot's may be
-            greater, and adds to ``enough_m``.
+            greater, and adds to both distances.
+        start_m: enough for the slowest speed that is advised, with the same assumptions; ``None``
+            if the recording does not state it.
     """
 
     enough_m: float
     z_r_m: float
+    start_m: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,13 +144,21 @@ def _number(text: str) -> int | None:
 
 
 def _full_speed(metadata: Mapping[str, str]) -> dict[str, FullSpeed]:
-    found = {
-        str(name): FullSpeed(float(enough_m), float(z_r_m))
-        for name, (enough_m, z_r_m) in dict(json.loads(metadata.get("full_speed", "{}"))).items()
-    }
-    if not all(math.isfinite(each.enough_m) and each.z_r_m >= 0 for each in found.values()):
+    found = {}
+    for name, (enough_m, z_r_m, *rest) in dict(
+        json.loads(metadata.get("full_speed", "{}"))
+    ).items():
+        start_m = rest[0] if rest else None  # missing in recordings made before it was stated
+        start_m = None if start_m is None else float(start_m)
+        found[str(name)] = FullSpeed(float(enough_m), float(z_r_m), start_m)
+    if not all(_is_valid(each) for each in found.values()):
         raise ValueError("full_speed")
     return found
+
+
+def _is_valid(each: FullSpeed) -> bool:
+    start_m = 0.0 if each.start_m is None else each.start_m
+    return math.isfinite(each.enough_m) and math.isfinite(start_m) and each.z_r_m >= 0
 
 
 def _robots(metadata: Mapping[str, str]) -> tuple[tuple[str, tuple[str, ...]], ...]:
