@@ -105,7 +105,7 @@ class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
         """See ``SupervisedLink``; log once if the received bytes contain no frames."""
         super()._receive(units, now_ns)
         counts = self.counters
-        heard = counts.messages_received + counts.unexpected + counts.foreign
+        heard = counts.messages_received + counts.echoes + counts.unexpected + counts.foreign
         if getattr(self._codec, "refused", ""):  # whole frames: only what they hold is wrong
             return
         if heard or self._noise_said or counts.bytes_received < NOISE_BYTES:

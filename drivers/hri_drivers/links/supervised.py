@@ -393,7 +393,7 @@ class SupervisedLink(Generic[U]):
                 self._inbox.put(Received(message, now_ns))
         self._codec.count(self.counters)
         self.counters.overrun = self._inbox.overrun
-        self.counters.unexpected = self._own.echoes + self._not_ours
+        self.counters.echoes, self.counters.unexpected = self._own.echoes, self._not_ours
         self.counters.foreign = self._own.foreign
         if self._own.prove_second(now_ns):
             self.foreign_ns = now_ns

@@ -281,7 +281,7 @@ def _link_row(link: Link, connected: bool) -> dict[str, Any]:
 
 
 _LINK_COLUMNS = ["name", "messages", "bytes", "received", "crc_errors", "superseded", "reconnects"]
-_QUIET = {*_LINK_COLUMNS, "bytes_received", "connected"}
+_QUIET = {*_LINK_COLUMNS, "bytes_received", "connected", "echoes"}
 
 
 def _link_trouble(link: dict[str, Any]) -> str:

@@ -5,7 +5,8 @@ from unittest.mock import Mock
 
 import pytest
 
-from hri_predict.recording.played_link import played_links
+from hri_predict.contracts.link import LinkCounters
+from hri_predict.recording.played_link import PlayedLink, played_links
 
 
 @pytest.mark.parametrize(
@@ -20,3 +21,11 @@ from hri_predict.recording.played_link import played_links
 def test_a_recording_without_robot_states_says_so(caplog, source, robots, warned):
     played_links(source, Mock(), robots)
     assert ("the recording has no robot states, so arm stays unknown" in caplog.text) == warned
+
+
+def test_a_link_that_is_not_opened_counts_no_message_as_too_late():
+    """*superseded* means a line that is too slow; here there is no line."""
+    link = PlayedLink("plc", Mock(received=()), Mock())
+    link.post(Mock())
+    link.post(Mock())
+    assert link.counters == LinkCounters()
