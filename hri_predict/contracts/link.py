@@ -1,8 +1,8 @@
 """The contract of a link to a robot controller, and code shared by all kinds of links.
 
-A kind of link is a class: ``LinkClass`` is the interface of the class, ``Link`` that of an object.
-``Simulatable``, ``ChecksTogether`` and ``ObservesFleet`` are optional abilities. ``hri-predict
-conformance link:NAME`` checks the contract on any kind.
+A kind of link is a class: ``LinkClass`` is the interface required of the class, ``Link`` that of an
+object. ``Simulatable``, ``ChecksTogether`` and ``ObservesFleet`` are optional abilities of a class.
+``hri-predict conformance link:NAME`` checks the contract on any kind.
 """
 
 from collections.abc import Callable, Sequence
@@ -130,8 +130,7 @@ class LinkCounters:
     malformed: int = 0  # right CRC, wrong length, id or values
     incomplete: int = 0  # a multi-frame message whose parts do not belong together
     ignored: int = 0  # frames of other senders, which are not ours to judge
-    unexpected: int = 0  # with ids that only a node sends, on a link that only listens
-    echoes: int = 0  # our own frames that came back, as on udp_multicast and RS-485; harmless
+    unexpected: int = 0  # with ids that only a node sends: our own frames that came back
     foreign: int = 0  # with ids that only this node sends, but from somebody else
     overrun: int = 0  # received, but not taken in time; the oldest RobotState goes first
     bus_errors: int = 0  # error frames that the CAN controller reported

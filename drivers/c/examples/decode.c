@@ -3,12 +3,17 @@
  *   decode classic|fd|serial FIRST_ROBOT LAST_ROBOT [BASE_ID [29]]
  *
  * A line is "ID BYTES" for CAN, "BYTES" for serial, both in hexadecimal without spaces between the
- * bytes. It prints each complete and fresh message with its raw values under the names of
+ * bytes. For CAN it may also be one of a log of candump -l or python-can,
+ * "(TIME) INTERFACE ID#BYTES", or with a digit of flags for CAN FD, "(TIME) INTERFACE ID##FBYTES".
+ * Standard error names lines that cannot be read.
+ * It prints each complete and fresh message with its raw values under the names of
  * PROTOCOL.md, several on one line separated by ";"; "-" means none. The last line has the counts
  * of the first robot's receiver.
  */
 #include "../hri_predict.h"
 
+#include <ctype.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -92,15 +97,38 @@ static void print_message(uint8_t kind, unsigned robot, const hri_message *messa
 }
 /* generated: end */
 
-/* Bytes of a hexadecimal text; stops at the first other character. */
-static unsigned parse(const char *text, uint8_t *bytes, unsigned room)
+/* Bytes of a hexadecimal text; false if more follows them than python-can's R or T of a log. */
+static bool parse(const char *text, uint8_t *bytes, unsigned room, unsigned *length)
 {
-    unsigned length = 0;
     unsigned value;
-    while (length < room && sscanf(text + 2 * length, "%2x", &value) == 1) {
-        bytes[length++] = (uint8_t)value;
+    *length = 0;
+    while (*length < room && isxdigit((unsigned char)text[0]) &&
+           isxdigit((unsigned char)text[1]) && sscanf(text, "%2x", &value) == 1) {
+        bytes[(*length)++] = (uint8_t)value;
+        text += 2;
     }
-    return length;
+    text += text[0] == ' ' && (text[1] == 'R' || text[1] == 'T') ? 2 : 0;
+    return text[strspn(text, " \r\n")] == '\0';
+}
+
+/* The id of a CAN line, and where its bytes begin; NULL if there is no id. */
+static const char *parse_id(const char *line, uint32_t *id)
+{
+    char *rest;
+    bool is_log = line[0] == '(';
+    if (is_log) { /* "(TIME) INTERFACE ID#BYTES" */
+        int start = 0;
+        (void)sscanf(line, "(%*[^)]) %*s %n", &start);
+        line += start;
+    }
+    *id = (uint32_t)strtoul(line, &rest, 16);
+    if (rest == line || (is_log && *rest != '#')) {
+        return NULL;
+    }
+    if (rest[0] == '#') {
+        rest += rest[1] == '#' && rest[2] != '\0' ? 3 : 1; /* CAN FD: a digit of flags */
+    }
+    return rest + strspn(rest, " ");
 }
 
 int main(int argc, char **argv)
@@ -129,15 +157,18 @@ int main(int argc, char **argv)
             return 2;
         }
     }
-    while (fgets(line, sizeof line, stdin) != NULL) {
+    for (unsigned long number = 1; fgets(line, sizeof line, stdin) != NULL; number++) {
         const char *separator = "";
-        char *rest = line;
-        uint32_t id = settings.link == HRI_SERIAL ? 0 : (uint32_t)strtoul(line, &rest, 16);
-        unsigned units, length;
-        while (*rest == ' ') {
-            rest++;
+        uint32_t id = 0;
+        const char *rest = settings.link == HRI_SERIAL ? line : parse_id(line, &id);
+        unsigned units, length = 0;
+        if (rest == NULL || !parse(rest, data, sizeof data, &length)) {
+            fprintf(stderr, "decode: line %lu cannot be read; give %s in hexadecimal\n", number,
+                    settings.link == HRI_SERIAL ? "BYTES"
+                                                : "ID BYTES, or (TIME) INTERFACE ID#BYTES,");
+            printf("-\n");
+            continue;
         }
-        length = parse(rest, data, sizeof data);
         units = settings.link == HRI_SERIAL ? length : 1;
         for (unsigned i = 0; i < units; i++) {
             for (unsigned robot = first; robot <= last; robot++) {

@@ -1,6 +1,6 @@
 /* A controller on a serial line (POSIX): it sends its robot's state and obeys the advice.
  *
- *   serial PORT [SILENCE_MS [MAX_AGE_MS [TOLERATED_ERRORS [teach|recovery|muted]]]]
+ *   serial PORT[,RATE] [SILENCE_MS [MAX_AGE_MS [TOLERATED_ERRORS [teach|recovery|muted]]]]
  *
  * Here robot 0 stands still; a real controller fills in its measurements, and asks for an operating
  * mode only while its operator does. With teach, this one is in manual mode and the enabling device
@@ -47,8 +47,23 @@ static uint32_t now_ms(void)
     return (uint32_t)((uint64_t)t.tv_sec * 1000u + (uint64_t)t.tv_nsec / 1000000u);
 }
 
+/* The bit rate after the comma of PORT,RATE, which it cuts off; B0 if it is none of these. */
+static speed_t take_rate(char *port)
+{
+    char *comma = strchr(port, ',');
+    unsigned long rate = comma == NULL ? 115200u : strtoul(comma + 1, NULL, 10);
+    if (comma != NULL) {
+        *comma = '\0';
+    }
+    return rate == 115200u   ? B115200
+           : rate == 230400u ? B230400
+           : rate == 460800u ? B460800
+           : rate == 921600u ? B921600
+                             : B0;
+}
+
 /* Raw, 8 bits, no parity, 1 stop bit. */
-static int open_port(const char *path)
+static int open_port(const char *path, speed_t rate)
 {
     struct termios raw;
     int port = open(path, O_RDWR | O_NOCTTY | O_NONBLOCK);
@@ -61,7 +76,7 @@ static int open_port(const char *path)
     raw.c_cflag = CS8 | CREAD | CLOCAL;
     raw.c_cc[VMIN] = 0;
     raw.c_cc[VTIME] = 0;
-    if (cfsetspeed(&raw, B115200) != 0 || tcsetattr(port, TCSANOW, &raw) != 0) {
+    if (cfsetspeed(&raw, rate) != 0 || tcsetattr(port, TCSANOW, &raw) != 0) {
         return -1;
     }
     return port;
@@ -140,6 +155,7 @@ int main(int argc, char **argv)
     acknowledgement ack = {0};
     uint32_t state_due = now_ms();
     char shown[64] = "";
+    speed_t rate;
     int port;
     settings.silence_timeout_ms = (uint16_t)(argc > 2 ? atoi(argv[2]) : 60);
     settings.max_age_ms = (uint16_t)(argc > 3 ? atoi(argv[3]) : 204);
@@ -147,11 +163,16 @@ int main(int argc, char **argv)
     settings.error_window_ms = 500;
     settings.first_state_counter = (uint16_t)(state_due / STATE_PERIOD_MS);
     if (argc < 2 || !hri_init(&receiver, &settings)) {
-        fprintf(stderr, "usage: serial PORT [SILENCE_MS [MAX_AGE_MS [TOLERATED_ERRORS "
+        fprintf(stderr, "usage: serial PORT[,RATE] [SILENCE_MS [MAX_AGE_MS [TOLERATED_ERRORS "
                         "[teach|recovery|muted]]]]\n");
         return 2;
     }
-    port = open_port(argv[1]);
+    rate = take_rate(argv[1]);
+    if (rate == B0) {
+        fprintf(stderr, "serial: give a rate of 115200, 230400, 460800 or 921600 bit/s\n");
+        return 2;
+    }
+    port = open_port(argv[1], rate);
     if (port < 0) {
         fprintf(stderr, "serial: %s cannot be opened: %s; check the port\n", argv[1],
                 strerror(errno));

@@ -113,7 +113,7 @@ int main(int argc, char **argv)
     bus = open_bus(argv[1], settings.base_id);
     if (bus < 0) {
         fprintf(stderr, "socketcan: %s cannot be opened: %s; check 'ip link'\n", argv[1],
-                strerror(errno));
+                errno == EAFNOSUPPORT ? "this kernel has no CAN" : strerror(errno));
         return 2;
     }
     for (;;) {

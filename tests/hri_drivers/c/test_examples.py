@@ -136,6 +136,44 @@ def test_the_c_code_reads_values_that_nobody_knows_as_unknown(build: Any) -> Non
     assert told.startswith("Status NODE_STATE=0 PEOPLE=3 ")
 
 
+@pytest.mark.parametrize("link", ["classic", "fd"])
+def test_the_c_code_reads_logs_of_candump(build: Any, link: str) -> None:
+    program = build(C / "examples" / "decode.c")
+    example = Example(next(m for m in NODE if isinstance(m, Advice)))
+    units = example.units[link if link == "classic" else "FD"]
+    plain = "".join(f"{number:x} {data.hex()}\n" for number, data in units)
+    mark = "#" if link == "classic" else "##1"
+    log = "".join(f"(1764.25) can0 {n:03X}{mark}{d.hex().upper()}\n" for n, d in units)
+    python_can = log.replace("\n", " R\n")
+    for text in (log, python_can):
+        done, want = (
+            subprocess.run([program, link, "0", "7"], input=lines, capture_output=True, text=True)
+            for lines in (text, plain)
+        )
+        assert done.stderr == ""
+        assert done.stdout == want.stdout
+    assert "Advice ROBOT=1" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("link", "line"),
+    [
+        ("classic", "can0  680   [2]  00 11"),
+        ("classic", "680 00 11"),
+        ("classic", "(1764.25) can0 nonsense"),
+        ("classic", "680 001"),
+        ("serial", "no bytes"),
+    ],
+)
+def test_the_c_code_names_lines_that_it_cannot_read(build: Any, link: str, line: str) -> None:
+    program = build(C / "examples" / "decode.c")
+    lines = f"\n{line}\n" if link == "serial" else f"680 00\n{line}\n"
+    done = subprocess.run([program, link, "0", "0"], input=lines, capture_output=True, text=True)
+    (said,) = done.stderr.splitlines()
+    assert said.startswith("decode: line 2 cannot be read; give ")
+    assert done.stdout.splitlines()[:2] == ["-", "-"]
+
+
 @pytest.mark.parametrize("message", CONTROLLER, ids=ids)
 def test_the_c_code_encodes_it(build: Any, message: Message) -> None:
     if isinstance(message, RobotState):
@@ -161,3 +199,13 @@ def test_the_c_code_encodes_it(build: Any, message: Message) -> None:
         assert ready == "1"
         want = [f"{number:x}:{data.hex()}" for number, data in Example(message).units[link]]
         assert sent.split() == want, link
+
+
+def test_the_serial_example_takes_the_line_s_rate(build: Any) -> None:
+    program = build(C / "examples" / "serial.c")
+    for port, said in (
+        ("/dev/null,9600", "serial: give a rate of 115200, 230400, 460800 or 921600 bit/s"),
+        ("/dev/gone,921600", "serial: /dev/gone cannot be opened: No such file or directory;"),
+    ):
+        done = subprocess.run([program, port], capture_output=True, text=True, timeout=10)
+        assert (done.returncode, done.stderr.startswith(said)) == (2, True), done.stderr
