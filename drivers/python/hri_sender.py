@@ -24,6 +24,7 @@ import hmac
 import math
 import socket
 import struct
+import sys
 import time
 import zlib
 from collections.abc import Iterable, Sequence
@@ -67,6 +68,8 @@ class SceneSender:
         joints = list(joints)
         if not 1 <= len(joints) <= MAX_JOINTS or len(set(joints)) != len(joints):
             raise ValueError(f"joints: give 1 to {MAX_JOINTS} different names")
+        if not 1 <= port <= 65535:
+            raise ValueError(f"port {port}: give the node's source.port, 1 to 65535")
         self.session = time.time_ns()
         self.sequence = 0
         self._joints = joints
@@ -76,7 +79,11 @@ class SceneSender:
         family, kind, protocol, _, self._address = socket.getaddrinfo(
             host, port, type=socket.SOCK_DGRAM
         )[0]
+        self._is_refused = False
         self._socket = socket.socket(family, kind, protocol)
+        self._is_here = self._address[0].startswith("127.") or self._address[0] == "::1"
+        if self._is_here:  # only a connected socket is told that no program listens
+            self._socket.connect(self._address)
         if interface is not None:
             self._socket.setsockopt(
                 socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(interface)
@@ -86,6 +93,8 @@ class SceneSender:
         self, people: Iterable[Body], sees_room: bool = True, stamp_ns: int | None = None
     ) -> None:
         """Send one scene. There is no error if no node listens: the datagrams are lost.
+
+        On this machine, standard error then names the port once.
 
         Args:
             people: for each an id (0 to 65535, the same for the same body from scene to scene) and
@@ -102,8 +111,14 @@ class SceneSender:
         """
         stamp_ns = time.time_ns() if stamp_ns is None else stamp_ns
         for datagram in self.encode(people, sees_room, stamp_ns):
-            with contextlib.suppress(OSError):  # the network is down; the next one may arrive
-                self._socket.sendto(datagram, self._address)
+            try:
+                self._write(datagram)
+            except ConnectionRefusedError:  # of an earlier one; this one has not left
+                self._warn_of_refusal()
+                with contextlib.suppress(OSError):
+                    self._write(datagram)
+            except OSError:  # the network is down; the next one may arrive
+                continue
 
     def encode(self, people: Iterable[Body], sees_room: bool, stamp_ns: int) -> list[bytes]:
         """Return the datagrams of one scene, for programs that send them themselves."""
@@ -131,6 +146,23 @@ class SceneSender:
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+    def _warn_of_refusal(self) -> None:
+        if not self._is_refused:
+            self._is_refused = True
+            host, port, *_ = self._address
+            print(
+                f"warning: no program listens on {host} port {port}: start the node, or give its "
+                f"source.host and source.port; sending continues",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    def _write(self, datagram: bytes) -> None:
+        if self._is_here:
+            self._socket.send(datagram)
+        else:
+            self._socket.sendto(datagram, self._address)
 
     def _record(self, number: int, positions: Joints) -> bytes:
         """One person: id, which joints are seen, their positions."""
@@ -205,6 +237,8 @@ def main() -> None:
     arguments = parser.parse_args()
     if not arguments.rate > 0:
         parser.error(f"--rate {arguments.rate:g}: give a number above 0")
+    if not 1 <= arguments.port <= 65535:
+        parser.error(f"--port {arguments.port}: give the node's source.port, 1 to 65535")
     try:
         if arguments.key_file is not None:
             read_key(arguments.key_file)
@@ -214,6 +248,11 @@ def main() -> None:
         sender = SceneSender(arguments.host, arguments.port, CANONICAL, arguments.key_file)
     except OSError as error:
         parser.error(f"--host {arguments.host}: {error}; give the node's source.host")
+    print(
+        f"sends to {arguments.host} port {arguments.port}, {arguments.rate:g} scenes a second; the "
+        f"node needs 'joint_map: canonical'",
+        flush=True,
+    )
     start = time.monotonic()
     try:
         while time.monotonic() - start < arguments.seconds:

@@ -27,6 +27,7 @@ from hri_drivers.sources.scene_stream.codec import (
 )
 from hri_drivers.sources.scene_stream.key_file import Key
 from hri_drivers.sources.sent import SentScene
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.source import SourceCounters
 
@@ -35,6 +36,7 @@ CONTRADICTED_NS = 1_000_000_000
 """Time for which neither sender is believed after a second one was heard."""
 WINDOW = 64
 """Number of newest sequences remembered (the window of RFC 4303 clause 3.4.3)."""
+_CANONICAL_CRC = names_crc(JOINTS)
 
 
 class SceneStream:
@@ -105,10 +107,13 @@ class SceneStream:
             self._names_crc,
             len(self.joint_map.source_joints),
         ):
+            remedy = "give both the same names in the same order"
+            if (header.names_crc, header.joints) == (_CANONICAL_CRC, len(JOINTS)):
+                remedy = f"they are those of 'joint_map: canonical': set that, or {remedy}"
             raise Refused(
                 "malformed",
                 f"the sender's {header.joints} joints differ from those of joint map "
-                f"'{self.joint_map.name}'; give both the same names in the same order",
+                f"'{self.joint_map.name}'; {remedy}",
             )
 
     def _is_new(self, header: Header, data: bytes, received_ns: int) -> bool:

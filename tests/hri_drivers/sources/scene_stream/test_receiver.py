@@ -8,6 +8,7 @@ from hri_drivers.sources.scene_stream.codec import encode
 from hri_drivers.sources.scene_stream.key_file import Key
 from hri_drivers.sources.scene_stream.receiver import SceneStream
 from hri_drivers.sources.sent import SentScene
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.source import SourceCounters
 from tests.hri_drivers.sources.scene_streaming import KEY, MS, UTC, S, joint_map, names, same, scene
 
@@ -180,6 +181,15 @@ def test_other_joints_are_refused_and_named():
     assert "sender's 4 joints differ from those of joint map 'mine'" in (
         node.counters.last_error or ""
     )
+
+
+def test_a_sender_of_the_canonical_joints_is_told_their_joint_map():
+    node = Node(joints=5)
+    scene = SentScene(stamp_ns=UTC, sequence=0, sees_room=True, people=(), session=UTC)
+    assert node.hear(*encode(scene, JOINTS, KEY)) == []
+    assert "those of 'joint_map: canonical': set that" in (node.counters.last_error or "")
+    assert node.hear(*Sender()(0)) == []
+    assert "canonical" not in (node.counters.last_error or "")
 
 
 def test_nobody_and_a_sender_that_is_blind():
