@@ -130,7 +130,8 @@ class LinkCounters:
     malformed: int = 0  # right CRC, wrong length, id or values
     incomplete: int = 0  # a multi-frame message whose parts do not belong together
     ignored: int = 0  # frames of other senders, which are not ours to judge
-    unexpected: int = 0  # with ids that only a node sends: our own frames that came back
+    unexpected: int = 0  # with ids that only a node sends, on a link that only listens
+    echoes: int = 0  # our own frames that came back, as on udp_multicast and RS-485; harmless
     foreign: int = 0  # with ids that only this node sends, but from somebody else
     overrun: int = 0  # received, but not taken in time; the oldest RobotState goes first
     bus_errors: int = 0  # error frames that the CAN controller reported
@@ -163,8 +164,7 @@ class Transport(Protocol[U]):
         """Write one unit, in bounded time.
 
         Raises:
-            LinkError: the device is lost; as a ``hri_drivers.wires.transport.TransportBusy``, the
-                wire does not accept data now; try again later.
+            LinkError: the device is lost; as a ``TransportBusy``: the wire takes no data now.
         """
 
     def read(self, timeout_s: float) -> list[U]:
