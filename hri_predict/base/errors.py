@@ -129,10 +129,15 @@ class OsErrorAs:
 
 
 _OTHERS = {
-    **dict.fromkeys(("rpy", "euler", "rotation", "orientation", "quaternion"), "quaternion_xyzw"),
+    **dict.fromkeys(
+        ("rpy", "yaw", "euler", "rotation", "orientation", "quaternion"), "quaternion_xyzw"
+    ),
     **dict.fromkeys(("position", "translation", "origin"), "xyz"),
 }
 """Other programs' terms, and the project's own."""
+TURNED = "turned by 90 degrees about z"
+QUARTER = "[0, 0, 0.7071, 0.7071]"
+"""The quaternion of such a pose, an example for messages."""
 
 
 def nearest(word: str, known: Iterable[str], cutoff: float = 0.5) -> str:

@@ -196,10 +196,25 @@ def read_text(path: Path, what: str) -> str:
             text = file.read(MAX_CHARACTERS + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path, or not UTF-8
         reason = (error.strerror if isinstance(error, OSError) else None) or "it is not UTF-8 text"
-        raise ConfigError(f"{what} {path}: cannot be read: {reason}; check the path") from error
+        hint = _nearest_shipped(path, what) if isinstance(error, FileNotFoundError) else ""
+        raise ConfigError(
+            f"{what} {path}: cannot be read: {reason}{hint}; check the path"
+        ) from error
     if len(text) > MAX_CHARACTERS:
         raise ConfigError(f"{what} {path}: longer than {MAX_CHARACTERS} characters; check the path")
     return text
+
+
+_SHIPPED = {"robot file": "robots", "trajectory file": "trajectories", "joint map": "skeletons"}
+"""Folders under ``configs/`` of the kinds of file that are also known by a shipped name."""
+
+
+def _nearest_shipped(path: Path, what: str) -> str:
+    """Return ``"; did you mean 'ur5e'?"`` for a file named like a shipped one, or ``""``."""
+    if what not in _SHIPPED:
+        return ""
+    shipped = sorted(p.stem for p in data_path(_SHIPPED[what]).glob("*.yaml"))
+    return nearest(path.stem, shipped, cutoff=0.75)
 
 
 def load_yaml(text: str) -> Any:

@@ -27,7 +27,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails
 
 from hri_predict.base.arrays import Floats
-from hri_predict.base.errors import ConfigError, expected_shape, nearest
+from hri_predict.base.errors import QUARTER, TURNED, ConfigError, expected_shape, nearest
 from hri_predict.base.geometry import crosses_itself, is_in_polygon, rotation_of
 from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.base.quantities.units import meant, phrase, unit_at
@@ -289,7 +289,9 @@ def _text(found: ErrorDetails, model: type[BaseModel]) -> str:
     loc = found["loc"]
     if found["type"] == "extra_forbidden":
         known = sorted({key for m in _models_at(model, loc[:-1]) for key in m.model_fields})
-        return f"unknown key{nearest(str(loc[-1]), known)} (known: {', '.join(known)})"
+        meant = nearest(str(loc[-1]), known)
+        example = f" {TURNED}: {QUARTER}" if "'quaternion_xyzw'" in meant else ""
+        return f"unknown key{meant}{example} (known: {', '.join(known)})"
     about, unit = _about(model, loc)
     if found["type"] == "missing":
         return f"required key is missing; add it{about}"

@@ -4,6 +4,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from hri_predict.base.errors import QUARTER, TURNED
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.base.quantities.units import meant
 from hri_predict.base.settings import MAX_PAYLOAD_KG, MIN_SPEED_M_S, Name, Pose, Settings
@@ -235,7 +236,7 @@ class RobotSettings(Settings):
         if (self.room_from_robot is None) == (self.base is None):
             raise ValueError(
                 f"robot '{self.name}': give either room_from_robot (fixed base) or base (moving "
-                "base)"
+                f"base); {TURNED}: room_from_robot: {{xyz: [0, 0, 0], quaternion_xyzw: {QUARTER}}}"
             )
         moves_by_plan = not isinstance(self.motion, StateMotion) or self.motion.plan is not None
         if self.base is not None and moves_by_plan:

@@ -75,13 +75,21 @@ class LiveSettings(SourceSettings):
 
     @property
     def notes(self) -> list[str]:
-        """A warning if the source accepts network input without a key."""
+        """Warnings if no latency is stated, or if network input is accepted without a key."""
+        notes = []
+        if self.min_latency_s == 0:
+            notes.append(
+                "min_latency_s is 0: zones are too small by 1.6 m/s times the true minimum delay "
+                "from capture to arrival, which the node cannot measure: measure it, or take it "
+                "from the tracker's data sheet"
+            )
         open_to_all = getattr(self, "allow_unauthenticated", False)
-        if not open_to_all or getattr(self, "key_file", None) is not None:
-            return []
-        return [
-            "allow_unauthenticated without a key: any program that reaches the source is believed"
-        ]
+        if open_to_all and getattr(self, "key_file", None) is None:
+            notes.append(
+                "allow_unauthenticated without a key: any program that reaches the source is "
+                "believed"
+            )
+        return notes
 
 
 class Receiver(Protocol):

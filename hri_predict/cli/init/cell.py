@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hri_predict.base.errors import ConfigError, RobotError
+from hri_predict.base.errors import ConfigError, RobotError, nearest
 from hri_predict.base.files import data_path
 from hri_predict.base.settings import validated
 from hri_predict.contracts import registry
@@ -90,6 +90,22 @@ def source_block(kind: str) -> dict[str, Any]:
     return {"kind": kind, "room_from_source": _origin()} | _shown(model, {"rate_hz": _RATE_HZ})
 
 
+_FORMS = {
+    "can": "can:INTERFACE:CHANNEL, such as can:socketcan:can0",
+    "serial": "serial:PORT, such as serial:/dev/ttyUSB0",
+}
+"""Kinds of links that are written with the place of their device."""
+_DEVICES = {"can": "can", "vcan": "can", "slcan": "can", "tty": "serial", "/dev/": "serial"}
+"""How the names of devices begin that are given instead of a link."""
+
+
+def _meant(text: str) -> str | None:
+    """Return how the link is written for which a device, or a misspelt kind, was given."""
+    device = next((kind for start, kind in _DEVICES.items() if text.startswith(start)), None)
+    kind = device or next((each for each in _FORMS if f"'{each}'" in nearest(text, _FORMS)), None)
+    return None if kind is None else _FORMS[kind]
+
+
 def link_block(text: str, taken: list[str]) -> dict[str, Any]:
     """Return a link's entry from ``can:INTERFACE:CHANNEL``, ``serial:PORT`` or just a kind.
 
@@ -101,14 +117,16 @@ def link_block(text: str, taken: list[str]) -> dict[str, Any]:
     if kind == "can":
         interface, colon, channel = rest.partition(":")
         if not (interface and colon and channel):
-            raise ConfigError("write can:INTERFACE:CHANNEL, such as can:socketcan:can0")
+            raise ConfigError(f"write {_FORMS['can']}")
         given = {"interface": interface, "channel": channel}
     elif kind == "serial":
         if not rest:
-            raise ConfigError("write serial:PORT, such as serial:/dev/ttyUSB0")
+            raise ConfigError(f"write {_FORMS['serial']}")
         given = {"port": rest}
     elif rest:
         raise ConfigError("write only the kind, and set its keys with --set links.0.KEY=VALUE")
+    elif kind not in registry.names("links") and (ours := _meant(kind)) is not None:
+        raise ConfigError(f"unknown link '{kind}'; write {ours}")
     model = registry.load("links", kind).settings_model
     number = len([name for name in taken if name.startswith(kind)])
     name = kind if number == 0 else f"{kind}{number + 1}"

@@ -19,6 +19,7 @@ from typing import Any
 from mcap.records import Channel, Footer, Message, Metadata
 
 from hri_predict.base.errors import RecordingError
+from hri_predict.base.files import YAML_ENDINGS
 from hri_predict.recording.mcap.clocks import iso
 from hri_predict.recording.mcap.info import METADATA, RecordingInfo
 from hri_predict.recording.mcap.reader import CUT, records
@@ -89,9 +90,20 @@ def recording_info(path: str | Path) -> RecordingInfo:
             raise RecordingError(f"recording {path}: {error}") from error
         except CUT:
             pass
-    raise RecordingError(
-        f"recording {path}: was not recorded by hri-predict; name another file, or record a replay "
-        f"of this one: hri-predict replay {shlex.quote(str(path))} --record "
+    raise RecordingError(f"recording {path}: {_not_ours(path)}")
+
+
+def _not_ours(path: Path) -> str:
+    """Return why a file that this node did not record is refused, with a remedy that works."""
+    from hri_predict.recording.format_table import ENDINGS  # imports this module's package
+
+    if path.suffix.lower() in YAML_ENDINGS:
+        return "is a configuration; give the .mcap that 'hri-predict run --record' wrote"
+    if path.suffix.lower() not in ENDINGS:
+        return "is not a recording; give the .mcap that 'hri-predict run --record' wrote"
+    return (
+        "was not recorded by hri-predict; name another file, or record a replay of this one: "
+        f"hri-predict replay {shlex.quote(str(path))} --record "
         f"{shlex.quote(f'{path.stem}_run.mcap')} --speed max"
     )
 

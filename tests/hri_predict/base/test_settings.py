@@ -43,7 +43,12 @@ def test_misspelt_choice_names_the_nearest():
 
 @pytest.mark.parametrize(
     ("theirs", "ours"),
-    [("rpy", "quaternion_xyzw"), ("Rotation", "quaternion_xyzw"), ("origin", "xyz")],
+    [
+        ("rpy", "quaternion_xyzw"),
+        ("yaw", "quaternion_xyzw"),
+        ("Rotation", "quaternion_xyzw"),
+        ("origin", "xyz"),
+    ],
 )
 def test_other_programs_words_name_ours(theirs, ours):
     with pytest.raises(ConfigError, match=rf"{theirs}: unknown key; did you mean '{ours}'"):

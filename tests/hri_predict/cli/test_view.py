@@ -17,6 +17,8 @@ pytest.importorskip("viser", reason="the extra viewer is not installed")
         ("none.mcap", None, "cannot be read (No such file or directory); name another file"),
         ("text.mcap", b"hello", "was not recorded by hri-predict; name another file"),
         ("empty.mcap", b"", "was not recorded by hri-predict; name another file"),
+        ("cell.yaml", b"rate_hz: 25", "is a configuration; give the .mcap that 'hri-predict run"),
+        ("notes.txt", b"hello", "is not a recording; give the .mcap that 'hri-predict run"),
         (".", None, "cannot be read (Is a directory); name another file"),
     ],
 )

@@ -244,7 +244,7 @@ def test_a_base_of_a_robot_that_stands_is_refused() -> None:
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"room_from_robot": {}}, "give either room_from_robot"),
+        ({"room_from_robot": {}}, "give either room_from_robot.*quaternion_xyzw: .0, 0, 0.7071"),
         ({"base": {"capsules": []}}, "base.capsules"),
         ({"base": {"uncertainty_m": None}}, "base.uncertainty_m"),
         ({"base": {"max_speed_m_s": 0}}, "base.max_speed_m_s"),

@@ -370,6 +370,8 @@ def test_a_model_that_is_not_there(tmp_path: Path) -> None:
         load_robot(settings_of("ur5x"), None)
     with pytest.raises(RobotError, match=r"nowhere\.yaml: cannot be read"):
         load_robot(settings_of("nowhere.yaml"), tmp_path)
+    with pytest.raises(RobotError, match=r"ur5e\.yaml: cannot be read: No such.*mean 'ur5e'"):
+        load_robot(settings_of("ur5e.yaml"), tmp_path)
     (tmp_path / "list.yaml").write_text("- 1\n")
     with pytest.raises(RobotError, match="expected keys and values"):
         load_robot(settings_of("list.yaml"), tmp_path)

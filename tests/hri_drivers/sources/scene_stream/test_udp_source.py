@@ -164,10 +164,21 @@ def test_a_wrong_configuration_is_refused_in_one_line(settings, why):
      {"host": "192.168.0.2", "allow_unauthenticated": True}],
 )  # fmt: skip
 def test_a_right_configuration_is_accepted(settings):
-    data = {"kind": "udp", "room_from_source": POSE, "rate_hz": 30} | settings
+    data = {
+        "kind": "udp",
+        "room_from_source": POSE,
+        "rate_hz": 30,
+        "min_latency_s": 0.02,
+    } | settings
     accepted = validated(UdpSettings, data, "cell.yaml: source")
     warned = bool(accepted.notes)  # shown by ``check``
     assert warned == ("allow_unauthenticated" in settings)
+
+
+def test_a_latency_of_zero_is_noted():
+    data = {"kind": "udp", "room_from_source": POSE, "rate_hz": 30}
+    (note,) = validated(UdpSettings, data, "source").notes
+    assert "min_latency_s is 0: zones are too small by 1.6 m/s times" in note
 
 
 def test_a_port_that_is_taken_is_named(hear):

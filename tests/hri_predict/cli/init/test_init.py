@@ -212,7 +212,22 @@ def test_somebody_elses_schema_is_never_replaced_without_force(call, tmp_path):
             "--source udpp: unknown source 'udpp'; did you mean 'udp'?",
         ),
         (["--yes", "--link", "can:can0"], "--link can:can0: write can:INTERFACE:CHANNEL"),
-        (["--yes", "--link", "cann"], "--link cann: unknown link 'cann'; did you mean 'can'?"),
+        (
+            ["--yes", "--link", "cann"],
+            "--link cann: unknown link 'cann'; write can:INTERFACE:CHANN",
+        ),
+        (
+            ["--yes", "--link", "can0"],
+            "--link can0: unknown link 'can0'; write can:INTERFACE:CHANN",
+        ),
+        (
+            ["--yes", "--link", "/dev/ttyS0"],
+            "--link /dev/ttyS0: unknown link '/dev/ttyS0'; write s",
+        ),
+        (
+            ["--yes", "--link", "modbuss"],
+            "--link modbuss: unknown link 'modbuss'; did you mean 'mo",
+        ),
         (["--yes", "--mode", "bold"], "--mode bold: unknown (iso"),
         (["--yes", "--mode", "hybrid"], "--mode hybrid: hybrid lets the robot touch people"),
         (["--yes", "--set", "risk.mod=iso"], "cell.yaml:25: risk.mod: unknown key; did you mean"),
