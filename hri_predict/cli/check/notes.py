@@ -39,9 +39,9 @@ def _assumed(link: LinkSettings) -> list[str]:
         return []
     times = " and ".join(f"{key} {getattr(link, key) * 1e3:g} ms" for key in unset)
     return [
-        f"link {link.name}: {times} not set: T_r assumes a controller as fast as a PLC with a "
-        f"cycle of {PLC_CYCLE_S * 1e3:g} ms. Measure it (docs/guides/plc.md), set them, and "
-        "program the same time-out there; version 0.2 assumed 150 and 50 ms"
+        f"link {link.name}: {times} not set, so T_r assumes a controller as fast as a PLC with a "
+        f"cycle of {PLC_CYCLE_S * 1e3:g} ms. Measure its times (docs/guides/plc.md), set both "
+        "keys, and program the same time-out there (cells of version 0.2: docs/guides/upgrade.md)"
     ]
 
 

@@ -157,7 +157,7 @@ def distance_lines(facts: dict[str, Any]) -> list[str]:
         f"working distance: {facts['total_m']:.2f} m from the base to a person who stands, {at}; "
         f"{facts['rest_m']:.2f} m of it are the robot's reach and the body. {facts['basis']}"
         f"People at work must stay farther away than one who stands: hri-predict simulate "
-        f"--distance measures how far. Largest other terms:",
+        f"--distance measures how far, and its terms rank differently. Largest other terms:",
         *(
             f"  {100 * costs_m[t.key]:.0f} cm: {t.text}; {facts['remedies'][t.key]}"
             for t in largest
