@@ -5,16 +5,23 @@ an error in every library that looks for its plug-ins: pydantic, torch, numba an
 when they are imported or first used. In this project's own processes such a file counts as empty.
 """
 
+import json
 import logging
 import os
+import re
+import shlex
+import sys
 from importlib import metadata
 from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 from hri_predict.base.errors import first_line
 
 OWN_PROCESS = "HRI_PREDICT_OWN_PROCESS"
 """Environment variable of the command line and of all processes that it starts."""
 
+_COMMAND = re.compile(r"pip install 'hri-predict(\[[a-z0-9_,]+\])'")
 _log = logging.getLogger(__name__)
 _read: Any = metadata.Distribution.entry_points
 _reported: set[str] = set()
@@ -41,6 +48,33 @@ def name_of(package: metadata.Distribution) -> str:
         return package.metadata["Name"] or _folder_of(package)
     except Exception:
         return _folder_of(package)
+
+
+def for_this_installation(message: str) -> str:
+    """Return ``message`` with commands that work here in place of ``pip install 'hri-predict[x]'``.
+
+    In a clone (an editable installation) the extra comes from the clone's folder; pip would look
+    for the name alone in a package index.
+    """
+    if _COMMAND.search(message) is None or (folder := _clone()) is None:
+        return message
+    python = shlex.quote(sys.executable)
+
+    def here(found: re.Match[str]) -> str:
+        return f"{python} -m pip install -e {shlex.quote(folder + found[1])}"
+
+    return _COMMAND.sub(here, message)
+
+
+def _clone() -> str | None:
+    """Return the folder of an editable installation of this project; ``None`` for any other."""
+    try:
+        text = metadata.distribution("hri-predict").read_text("direct_url.json")
+        about = json.loads(text or "{}")
+        editable = about.get("dir_info", {}).get("editable", False)
+        return url2pathname(urlsplit(about["url"]).path) if editable else None
+    except (metadata.PackageNotFoundError, OSError, ValueError, KeyError, AttributeError):
+        return None
 
 
 def tolerate_damage() -> None:

@@ -132,10 +132,13 @@ def _misused(error: Exception, message: str) -> NoReturn:
 
 def _fail(*messages: str) -> NoReturn:
     """Print each error as one line, even if names or values in it contain line breaks."""
+    from hri_predict.base.installed import for_this_installation
+
     journal = "<3>" if logs.in_journal(sys.stderr) else ""
     for message in messages:
         line = "".join(
-            c if c.isprintable() else c.encode("unicode_escape").decode() for c in message
+            c if c.isprintable() else c.encode("unicode_escape").decode()
+            for c in for_this_installation(message)
         )
         print(f"{journal}error: {line}", file=sys.stderr)
     sys.exit(2)

@@ -1,9 +1,13 @@
 """A damaged package of others costs one line of warning, and nothing else."""
 
+import json
 import os
+import sys
+from types import SimpleNamespace
 
 import pytest
 
+from hri_predict.base import installed
 from tests.packages import third_party
 from tests.processes import hri_predict, python
 
@@ -73,3 +77,23 @@ def test_damaged_metadata_does_not_hide_what_a_package_registers(environment, tm
     )
     done = python("-c", code, env=environment, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("about", "said"),
+    [
+        (
+            {"url": "file:///srv/my%20clone", "dir_info": {"editable": True}},
+            f"{sys.executable} -m pip install -e '/srv/my clone[udp,viewer]'",
+        ),
+        ({"url": "file:///srv/clone", "dir_info": {}}, "pip install 'hri-predict[udp,viewer]'"),
+        (None, "pip install 'hri-predict[udp,viewer]'"),
+    ],
+)
+def test_an_extra_is_installed_from_the_clone_that_runs(monkeypatch, about, said):
+    text = None if about is None else json.dumps(about)
+    here = SimpleNamespace(read_text=lambda _: text)
+    monkeypatch.setattr(installed.metadata, "distribution", lambda _: here)
+    message = "needs msgpack; install it with: pip install 'hri-predict[udp,viewer]'"
+    assert installed.for_this_installation(message) == f"needs msgpack; install it with: {said}"
+    assert installed.for_this_installation("pip install pyk4a") == "pip install pyk4a"

@@ -78,7 +78,8 @@ def test_a_missing_package_is_told_with_its_extra(cli, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "paho.mqtt", None)
     status, _, err = cli("alerts", cell(tmp_path, {"kind": "mqtt", "host": "localhost"}))
     assert status == 2
-    assert "pip install 'hri-predict[mqtt]'" in err
+    assert "pip install" in err
+    assert "[mqtt]'" in err
 
 
 def test_check_shows_hooks_and_warns_of_what_goes_out_in_clear(cli, tmp_path):

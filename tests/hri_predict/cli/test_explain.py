@@ -171,9 +171,9 @@ def test_without_matplotlib_a_picture_is_one_line(near, tmp_path):
         [*words, str(tmp_path / "a.png")], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 2
-    assert done.stderr.strip().splitlines() == [
-        "error: plots need matplotlib; install it with pip install 'hri-predict[plots]'"
-    ]
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith("error: plots need matplotlib; install it with ")
+    assert "[plots]'" in line
 
 
 class Page(HTMLParser):
