@@ -287,6 +287,14 @@ def test_the_links_fit_an_ordinary_terminal():
     assert {"superseded", "reconnects", "received", "123456789", "crc", "errors"} <= set(words)
 
 
+def test_frames_of_our_own_that_came_back_are_no_trouble():
+    out = io.StringIO()
+    summary = summary_of()
+    summary.links[1]["echoes"] = 352
+    summary.print(Console(file=out, width=80))
+    assert "352" not in out.getvalue()
+
+
 def test_each_alert_hook_has_a_line_of_its_own():
     summary = summary_of()
     counts = {"delivered": 0, "left_out": 3, "dropped": 1, "retried": 0, "failures": 2}
