@@ -95,12 +95,8 @@ def recording_info(path: str | Path) -> RecordingInfo:
 
 def _not_ours(path: Path) -> str:
     """Return why a file that this node did not record is refused, with a remedy that works."""
-    from hri_predict.recording.format_table import ENDINGS  # imports this module's package
-
     if path.suffix.lower() in YAML_ENDINGS:
         return "is a configuration; give the .mcap that 'hri-predict run --record' wrote"
-    if path.suffix.lower() not in ENDINGS:
-        return "is not a recording; give the .mcap that 'hri-predict run --record' wrote"
     return (
         "was not recorded by hri-predict; name another file, or record a replay of this one: "
         f"hri-predict replay {shlex.quote(str(path))} --record "

@@ -18,7 +18,6 @@ pytest.importorskip("viser", reason="the extra viewer is not installed")
         ("text.mcap", b"hello", "was not recorded by hri-predict; name another file"),
         ("empty.mcap", b"", "was not recorded by hri-predict; name another file"),
         ("cell.yaml", b"rate_hz: 25", "is a configuration; give the .mcap that 'hri-predict run"),
-        ("notes.txt", b"hello", "is not a recording; give the .mcap that 'hri-predict run"),
         (".", None, "cannot be read (Is a directory); name another file"),
     ],
 )
