@@ -1,10 +1,10 @@
 """Forecasts of a recording in batches, ahead of the node, for runs on the virtual clock.
 
 All scenes of a recording are there from the start. A second people stage takes them in ahead of the
-node, at the ticks' times, and the predictor forecasts the people of many ticks at once, in a thread
-beside the node's. A network needs half the time for a person among thirty, and another core has it.
+node, at the ticks' times, and the predictor forecasts the people of many ticks at once, in a second
+thread. A network needs half the time for a person among thirty, and another core has it.
 A forecast counts only if the node asks for the very same histories. Otherwise the predictor is
-asked again, for example after an Acknowledge made the node forget somebody, or a configured fault
+asked again, for example after an Acknowledge made the node forget a person, or a configured fault
 lost a scene. So what is foreseen changes the time that a run takes, and nothing else: which
 histories share a batch depends on the recording alone.
 """

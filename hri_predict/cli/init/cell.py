@@ -96,7 +96,7 @@ _FORMS = {
 }
 """Kinds of links that are written with the place of their device."""
 _DEVICES = {"can": "can", "vcan": "can", "slcan": "can", "tty": "serial", "/dev/": "serial"}
-"""How the names of devices begin that are given instead of a link."""
+"""Start of a device's name, given instead of a link -> kind of the link."""
 
 
 def _meant(text: str) -> str | None:

@@ -18,7 +18,7 @@ from hri_predict.base.set_key import set_key
 from hri_predict.cli.common import tell, without_effect
 from hri_predict.cli.generate.config import write
 from hri_predict.cli.init.cell import DOORS_M, Answers, cell, hints
-from hri_predict.cli.init.questions import CONTROLLER_TIMES, Asker, ask_all
+from hri_predict.cli.init.questions import Asker, ask_all
 from hri_predict.cli.settings_page.schema import Schema
 
 SCHEMA_FILE = "hri-predict.schema.json"
@@ -199,9 +199,8 @@ def _next_steps(path: Path, answers: Answers) -> str:
     file = _word(path)
     if answers.simulated:
         return f"next:\n  hri-predict run {file}   (Ctrl-C ends it)"
-    times = " and your controllers' measured times" if answers.links else ""
     return (
-        f"next: enter your own poses{times}, then\n"
+        "next: enter your own poses, then\n"
         f"  hri-predict check {file}\n"
         f"  hri-predict register {file}\n"
         f"  hri-predict run {file} --shadow"
@@ -239,7 +238,6 @@ def _entry(key: str, value: Any, known: Schema, whole: Schema, *, depth: int) ->
     indent = "  " * depth
     inner = _chosen(known, value, whole)
     said = phrase(key, known.get("description", ""))
-    said += "; enter your controller's real time" if key in CONTROLLER_TIMES else ""
     choices = inner.get("enum", [])
     if choices and len(choices) <= _CHOICES:
         said += f": {', '.join(map(str, choices))}"

@@ -243,17 +243,13 @@ def ask_links(asker: Asker, links: list[str], changes: list[str]) -> list[dict[s
 def with_controller_times(
     asker: Asker, model: type[Settings], block: dict[str, Any]
 ) -> dict[str, Any]:
-    """Return ``block`` with its controller's times: those of the user, or the defaults.
+    """Return ``block`` with its controller's times, if a user can state them.
 
-    The file and the last lines of ``init`` ask the user to replace defaults by measured times.
+    A time not stated is left out, so ``check`` reports it.
     """
     missing = {key: text for key, text in CONTROLLER_TIMES.items() if key not in block}
-    if not missing:
+    if not asker.asks or not missing:
         return block
-    if not asker.asks:
-        link = model.model_validate(block)
-        advises = getattr(link, "advises", True)
-        return block | ({key: getattr(link, key) for key in missing} if advises else {})
     say(
         "Measure the controller's times (docs/guides/plc.md): they determine how near people may "
         "be."

@@ -1,4 +1,4 @@
-"""How far the teachers of a distilled network differ, told by the network that learned their mean.
+"""The spread of the teachers of a distilled network, stated by the network that learned their mean.
 
 Where networks that were trained alike disagree, all of them are less certain: their spread is an
 input of the learned scale (``zones.learned_scale``). One network in their place has no members that

@@ -23,7 +23,7 @@ _OPEN = 4.0  # an untrained gate lets 98 % of the change through
 
 @dataclass(frozen=True, slots=True)
 class Started:
-    """What a forecast starts from.
+    """Start of a forecast.
 
     Attributes:
         last: (B, 1, J, 3) m, the last pose.

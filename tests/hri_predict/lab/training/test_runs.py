@@ -2,14 +2,20 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+import torch
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import Settings
 from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.loop import Epoch
 from hri_predict.lab.training.parts import DATA_SETS
-from hri_predict.lab.training.runs import TrainingView, build_network, state
+from hri_predict.lab.training.runs import TrainingView, build_network, open_samples, state
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.network import Shape
+from hri_predict.predictors.neural.weights import load_weights, save_weights
+from hri_predict.predictors.sinn.model import SINN, SINNOptions
 from tests.hri_predict.lab.training.small_run import make_config, run
+from tests.hri_predict.lab.training.test_train_cli import write_walk
 
 
 @pytest.mark.parametrize(("limit", "left"), [(None, "30.0"), (15.0, "5.0"), (60.0, "30.0")])
@@ -88,3 +94,37 @@ def test_rotations_are_never_taken_for_positions(predictor, options, says):
     })  # fmt: skip
     with pytest.raises(ConfigError, match=says):
         build_network(config, cast(Any, None))
+
+
+def test_weights_without_an_added_part_start_a_network_with_it(tmp_path):
+    shape = Shape(skeleton=BODY, history_steps=8, horizon_steps=5, rate_hz=25.0)
+    small = {"hidden": 8, "critic_steps": 5}
+    given = tmp_path / "sinn.safetensors"
+    save_weights(given, "sinn", SINN(shape, SINNOptions.model_validate(small)), {})
+    write_walk(tmp_path, "walk_9", 300)
+    write_walk(tmp_path, "check_1", 300)
+
+    def built(**options):
+        config = TrainingConfig.model_validate({
+            "predictor": "sinn", "judgement": "real", "out": tmp_path / "run",
+            "shape": {"history_steps": 8, "horizon_steps": 5}, "options": small | options,
+            "data": {"root": tmp_path, "fit": ["walk_9.npz"], "validation": ["check_1.npz"]},
+            "initial_weights": given,
+        })  # fmt: skip
+        return build_network(config, open_samples(config)).state_dict()
+
+    def grows(**options):
+        """Train with an added part, and take the result as what is given next."""
+        old, new = load_weights(given).network.state_dict(), built(**options)
+        assert new.keys() > old.keys()
+        for name, value in old.items():
+            if not name.startswith("critic"):
+                torch.testing.assert_close(new[name], value)
+        network = SINN(shape, SINNOptions.model_validate(small | options))
+        network.load_state_dict(new)
+        save_weights(given, "sinn", network, {})
+
+    grows(start_frames=7, gate=True, pretraining=0.0)
+    grows(start_frames=7, gate=True, spread=True, pretraining=0.0)
+    with pytest.raises(ConfigError, match="have another network, shape or options"):
+        built(pose="none")

@@ -14,7 +14,6 @@ import pytest
 import torch
 import yaml
 
-from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
 from hri_predict.base.skeleton import make_skeleton
 from hri_predict.lab.training.config import TrainingConfig, load_training_config
@@ -22,13 +21,11 @@ from hri_predict.lab.training.loop import Result
 from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.parts import DATA_SETS
 from hri_predict.lab.training.processes import Processes
-from hri_predict.lab.training.runs import build_network, open_samples
+from hri_predict.lab.training.runs import build_network
 from hri_predict.lab.training.windows.motion import MotionSamples
-from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38
 from hri_predict.predictors.neural.network import Shape, network_class_of
 from hri_predict.predictors.neural.weights import load_weights, save_weights
-from hri_predict.predictors.sinn.model import SINN, SINNOptions
 from hri_predict.predictors.trajectorycnn import TrajectoryCNN, TrajectoryCNNOptions
 
 _REAL = sorted(path.stem for path in data_path("training").glob("*_real.yaml"))
@@ -127,40 +124,6 @@ def test_it_starts_from_given_weights(cli, config, tmp_path):
     status, _, err = cli(config, *changes, "--set", "options.channels=8", "--out", tmp_path / "c")
     assert status == 2
     assert "have another network, shape or options" in err
-
-
-def test_weights_without_an_added_part_start_a_network_with_it(tmp_path):
-    shape = Shape(skeleton=BODY, history_steps=8, horizon_steps=5, rate_hz=25.0)
-    small = {"hidden": 8, "critic_steps": 5}
-    given = tmp_path / "sinn.safetensors"
-    save_weights(given, "sinn", SINN(shape, SINNOptions.model_validate(small)), {})
-    write_walk(tmp_path, "walk_9", 300)
-    write_walk(tmp_path, "check_1", 300)
-
-    def built(**options):
-        config = TrainingConfig.model_validate({
-            "predictor": "sinn", "judgement": "real", "out": tmp_path / "run",
-            "shape": {"history_steps": 8, "horizon_steps": 5}, "options": small | options,
-            "data": {"root": tmp_path, "fit": ["walk_9.npz"], "validation": ["check_1.npz"]},
-            "initial_weights": given,
-        })  # fmt: skip
-        return build_network(config, open_samples(config)).state_dict()
-
-    def grows(**options):
-        """Train with an added part, and take the result as what is given next."""
-        old, new = load_weights(given).network.state_dict(), built(**options)
-        assert new.keys() > old.keys()
-        for name, value in old.items():
-            if not name.startswith("critic"):
-                torch.testing.assert_close(new[name], value)
-        network = SINN(shape, SINNOptions.model_validate(small | options))
-        network.load_state_dict(new)
-        save_weights(given, "sinn", network, {})
-
-    grows(start_frames=7, gate=True, pretraining=0.0)
-    grows(start_frames=7, gate=True, spread=True, pretraining=0.0)
-    with pytest.raises(ConfigError, match="have another network, shape or options"):
-        built(pose="none")
 
 
 def test_weights_of_a_skeleton_of_its_own_start_a_network(tmp_path):
