@@ -41,7 +41,7 @@ REOPENS_S = 10.0
 MANY = 1000
 NOISE_SHARE = 0.01  # of pure noise; an eight-bit CRC lets one frame in 256 through
 AGE_S = 0.1
-REFUSED = "crc_errors counter_errors malformed incomplete ignored unexpected foreign"
+REFUSED = "crc_errors counter_errors malformed incomplete ignored echoes unexpected foreign"
 AGE_STEP_S = 0.01  # as fine as any protocol here carries an age
 
 
