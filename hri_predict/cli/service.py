@@ -174,7 +174,7 @@ def _named_files(config: Config) -> Iterator[tuple[str, str, Path]]:
         text = texts.get(key)
         if text is not None and config.base_dir / text == path:  # otherwise it is shipped
             yield key, text, path
-    for key, text in texts.items():  # those that are no part of a cell's identity
+    for key, text in texts.items():  # keys and secrets, which the identity leaves out
         if key.endswith("_file") and text:
             yield key, text, config.base_dir / text
 

@@ -353,7 +353,7 @@ def find_report(path: Path) -> Path:
     """Return the report at a path: the file, or the newest report in a folder and its subfolders.
 
     Raises:
-        ConfigError: there is no report, or a report in the folder is damaged: it may be the newest.
+        ConfigError: there is no report, or one in the folder is damaged and may be the newest.
     """
     if not path.is_dir():
         if not path.is_file():

@@ -69,6 +69,8 @@ class Foreseeing(PredictionRunner):
         if self._looking is None and not self._ended.is_set():
             self._looking = threading.Thread(target=self._look, name="foreseeing", daemon=True)
             self._looking.start()
+        if self._ended.is_set():  # no more batches come
+            self._batch = None
         while self._batch is not None and self._batch.until_ns < snapshot.now_ns:
             self._batch = self._batches.get()
         if self._batch is not None and snapshot.now_ns in self._batch.found:
@@ -94,7 +96,8 @@ class Foreseeing(PredictionRunner):
                     break
         except BaseException as error:  # the node meets it in its own people stage, and says so
             failure(error)
-        self._hand_over(None)
+        finally:  # else the node would wait for the next batch
+            self._hand_over(None)
 
     def _forecast(self, snapshots: list[PeopleSnapshot]) -> _Batch:
         asked = [snapshot for snapshot in snapshots if snapshot.ids]

@@ -111,7 +111,7 @@ static bool parse(const char *text, uint8_t *bytes, unsigned room, unsigned *len
     return text[strspn(text, " \r\n")] == '\0';
 }
 
-/* The id of a CAN line, and where its bytes begin; NULL if there is no id. */
+/* Read the id of a CAN line. Return the start of its bytes, or NULL without an id. */
 static const char *parse_id(const char *line, uint32_t *id)
 {
     char *rest;

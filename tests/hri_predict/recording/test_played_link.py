@@ -24,7 +24,7 @@ def test_a_recording_without_robot_states_says_so(caplog, source, robots, warned
 
 
 def test_a_link_that_is_not_opened_counts_no_message_as_too_late():
-    """*superseded* means a line that is too slow; here there is no line."""
+    """*superseded* would mean a slow line, and nothing is opened."""
     link = PlayedLink("plc", Mock(received=()), Mock())
     link.post(Mock())
     link.post(Mock())

@@ -133,6 +133,30 @@ def test_stopping_ends_the_thread_while_batches_wait():
     assert threading.active_count() == before
 
 
+@pytest.mark.timeout(30)
+def test_after_its_end_it_asks_tick_by_tick():
+    ticks = [snapshot(k) for k in range(200)]
+    runner = Foreseeing(Counting(), iter(ticks))
+    runner.run(ticks[0])
+    runner.stop()
+    forecast, reason = runner.run(ticks[150])
+    assert reason is None
+    assert forecast is not None
+    assert np.all(forecast.positions == 150.0)
+
+
+@pytest.mark.timeout(30)
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_thread_that_dies_leaves_the_node_waiting_for_nothing():
+    def ahead():
+        yield snapshot(0)
+        raise GeneratorExit  # one of the errors that are no failure of the part
+
+    runner = Foreseeing(Counting(), ahead())
+    found = asked(runner, [snapshot(k) for k in range(5)])
+    assert not any(each is Reason.PREDICTOR_FAILED for each in found)
+
+
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("recorded") / "a.mcap"

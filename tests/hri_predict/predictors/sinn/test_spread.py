@@ -23,6 +23,15 @@ def walk(people=3):
     return window, positions[:, 12:]
 
 
+def learn_spread(told, window, target):
+    assert told.spread is not None
+    learner = torch.optim.Adam(told.spread.parameters(), lr=0.02)
+    for _ in range(300):
+        learner.zero_grad()
+        told.losses(window, target, 0.5)["spread"].backward()
+        learner.step()
+
+
 def test_it_is_a_fourth_number_and_the_positions_stay():
     window, _ = walk()
     plain = network(spread=False)
@@ -43,12 +52,7 @@ def test_it_learns_the_teachers_spread_and_changes_no_position():
     told.losses(window, target, 0.5)["spread"].backward()
     untouched = [p for n, p in told.named_parameters() if not n.startswith("spread.")]
     assert all(p.grad is None or not p.grad.any() for p in untouched)
-    assert told.spread is not None
-    learner = torch.optim.Adam(told.spread.parameters(), lr=0.02)
-    for _ in range(300):
-        learner.zero_grad()
-        told.losses(window, target, 0.5)["spread"].backward()
-        learner.step()
+    learn_spread(told, window, target)
     stated = told(window).detach()
     assert torch.equal(stated[..., :3], before)
     assert float(stated[:2, ..., 3].detach().exp().mean()) == pytest.approx(0.02, rel=0.1)
@@ -58,12 +62,7 @@ def test_without_teachers_it_learns_how_wrong_it_is():
     window, future = walk()
     target = Target(future, torch.ones(3, 10, 28, dtype=torch.bool))
     told = network()
-    assert told.spread is not None
-    learner = torch.optim.Adam(told.spread.parameters(), lr=0.02)
-    for _ in range(300):
-        learner.zero_grad()
-        told.losses(window, target, 0.5)["spread"].backward()
-        learner.step()
+    learn_spread(told, window, target)
     stated = told(window)
     error = (stated[..., :3] - future).square().mean(-1).sqrt().mean()
     found = float(stated[..., 3].detach().exp().mean())
