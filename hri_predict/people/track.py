@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -48,7 +49,7 @@ _GLITCHES = 0.25
 """Maximum share of joints beyond the speed limit for which only those joints are noisy."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Body:
     """One body of one scene, in canonical joints: positions (J, 3) finite, 0 where not observed;
     and their common position error, see ``hri_predict.contracts.scene.Person``."""
@@ -58,13 +59,13 @@ class Body:
     observed: Bools
     error_m: float = 0.0
 
-    @property
+    @cached_property
     def centroid(self) -> Floats:
         """(3,) mean of the observed joints; at least one is observed."""
         centroid: Floats = mean_of(self.positions[self.observed])
         return centroid
 
-    @property
+    @cached_property
     def fingerprint(self) -> int:
         """Hash that bit-identical bodies share; other pairs share it by chance once in 2^60."""
         return hash((self.positions.tobytes(), self.observed.tobytes()))

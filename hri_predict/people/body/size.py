@@ -38,15 +38,22 @@ def is_human_sized(positions: Floats, observed: Bools) -> bool:
         observed: (J,) at least one.
     """
     seen = positions[observed]
+    if not _fits(seen) and _strays(seen) > STRAY * len(seen):
+        return False
+    whole = observed[_START] & observed[_END]
+    bones = norm(positions[_START] - positions[_END])[whole]
+    return not bones.size or float(bones.max()) > LONG_BONE_M
+
+
+def _fits(seen: Floats) -> bool:
+    """Return whether the box around all joints, and their middle, is too small for a stray."""
+    x, y, z = (np.maximum.reduce(seen) - np.minimum.reduce(seen)).tolist()
+    return bool(x * x + y * y + z * z < MIDDLE_M**2)
+
+
+def _strays(seen: Floats) -> int:
+    """Return the number of joints far from the middle, the median of each coordinate."""
     count = len(seen)
     ordered = np.sort(seen, axis=0)
     middle = (ordered[(count - 1) // 2] + ordered[count // 2]) / 2
-    if np.count_nonzero(norm(seen - middle) > MIDDLE_M) > STRAY * count:
-        return False
-    whole = observed[_START] & observed[_END]
-    return not whole.any() or _longest_m(positions, observed) > LONG_BONE_M
-
-
-def _longest_m(positions: Floats, observed: Bools) -> float:
-    bones = norm(positions[_START] - positions[_END])[observed[_START] & observed[_END]]
-    return float(bones.max()) if bones.size else 0.0
+    return int(np.count_nonzero(norm(seen - middle) > MIDDLE_M))

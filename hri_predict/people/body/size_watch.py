@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hri_predict.base.arrays import median
 from hri_predict.people.body.stature import MOST_M, statures_m
 from hri_predict.people.ring_buffer import NEVER
 from hri_predict.people.settings import PeopleSettings
@@ -26,7 +27,7 @@ FORGET_NS = 1_000_000_000
 
 @dataclass(slots=True)
 class _Recent:
-    """The statures that one person's limbs indicated most recently, metres.
+    """The statures that one person's limbs indicated most recently, metres, and the verdict.
 
     They stay while limbs are hidden: a person of a wrong size does not become right by that.
     """
@@ -34,6 +35,14 @@ class _Recent:
     seen_ns: int = NEVER
     sampled_ns: int = NEVER
     statures: deque[float] = field(default_factory=lambda: deque(maxlen=SAMPLES))
+    is_wrong: bool = False
+
+    def add(self, stature: float, capture_ns: int) -> None:
+        """Add a sample, and judge."""
+        self.sampled_ns = capture_ns
+        self.statures.append(stature)
+        if len(self.statures) >= LEAST_SAMPLES:
+            self.is_wrong = not LEAST_M <= median(np.array(self.statures)) <= MOST_M
 
 
 class SizeWatch:
@@ -60,7 +69,5 @@ class SizeWatch:
         if capture_ns - recent.sampled_ns >= SAMPLE_NS:
             found = statures_m(body.positions, body.observed)
             if len(found) >= LEAST_BONES:
-                recent.sampled_ns = capture_ns
-                recent.statures.append(float(np.median(found)))
-        statures = recent.statures
-        return len(statures) >= LEAST_SAMPLES and not LEAST_M <= np.median(statures) <= MOST_M
+                recent.add(median(found), capture_ns)
+        return recent.is_wrong

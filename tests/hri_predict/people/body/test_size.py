@@ -5,7 +5,7 @@ import pytest
 
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person
-from hri_predict.people.body.size import is_human_sized
+from hri_predict.people.body.size import MIDDLE_M, STRAY, is_human_sized
 from hri_predict.protocol.reasons import Reason
 from hri_sim.people.body import Body
 
@@ -61,3 +61,16 @@ def test_a_joint_that_flies_off_spoils_no_body():
     astray = BODY.copy()
     astray[8] += 900.0
     assert is_human_sized(astray, ALL)
+
+
+@pytest.mark.parametrize("size", [0.3, 1.0, 1.15, 1.3, 2.0])
+def test_as_many_joints_may_stray_from_the_median_as_documented(size):
+    rng = np.random.default_rng(round(100 * size))
+    for _ in range(200):
+        joints = BODY * size + rng.normal(0.0, 0.3 * size, BODY.shape)
+        joints[rng.random(J) < 0.2] += rng.normal(0.0, 1.5, 3)
+        seen = rng.random(J) < 0.8
+        far = np.linalg.norm(joints[seen] - np.median(joints[seen], axis=0), axis=1) > MIDDLE_M
+        strays = np.count_nonzero(far) > STRAY * np.count_nonzero(seen)
+        # bones are far longer than LONG_BONE_M
+        assert is_human_sized(joints, seen) is not strays
