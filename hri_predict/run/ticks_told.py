@@ -49,7 +49,8 @@ def race_notes(node: NodeSettings, source_rate_hz: float) -> list[str]:
     if node.rate_hz > source_rate_hz / RACE:
         return [
             f"rate_hz {node.rate_hz:g} is above the source's {source_rate_hz:.4g}: many ticks "
-            f"have no new capture; with ticks: capture, {RACE * source_rate_hz:.3g} is enough"
+            f"have no new capture, and only shorten the cycle in T_r; unless you want that, "
+            f"{RACE * source_rate_hz:.3g} is enough with ticks: capture"
         ]
     return [
         f"rate_hz {node.rate_hz:g} is about the source's {source_rate_hz:.4g}: a slightly late "

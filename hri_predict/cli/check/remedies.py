@@ -26,15 +26,11 @@ _ALWAYS = {
     "allow; a note appears when it is too short",
     "reaction": "measure it (hri-predict commission) and set links.reaction_s",
     "link_delay": "use a faster link (links.delay_s)",
+    "cycle": "raise rate_hz, if this machine keeps up",
     "place": "use a depth camera, or two cameras",
     "release": "lower risk.release_captures, raise risk.speed_rise_m_s2",
     "robot_state": "send RobotState more often, and measure motion.acceleration_m_s2",
 }
-
-
-def _cycle(config: Config, lacking: Sequence[str]) -> str:
-    rate = "max_rate_hz" if config.node.ticks == "capture" else "rate_hz"
-    return f"raise {rate}, if this machine keeps up"
 
 
 def _age(config: Config, lacking: Sequence[str]) -> str:
@@ -64,7 +60,8 @@ def _seen(config: Config, lacking: Sequence[str]) -> str:
 
 
 def _margins(config: Config, lacking: Sequence[str]) -> str:
-    slow_m = config.node.risk.slow_margin_m
+    risk = config.node.risk
+    slow_m = 0.0 if risk.mode == "fixed" else risk.slow_margin_m  # the circle has no such margin
     remedies = ["measure the errors that the other margins stand for"]
     if slow_m:
         remedies.insert(
@@ -76,7 +73,6 @@ def _margins(config: Config, lacking: Sequence[str]) -> str:
 
 
 _OF_THE_CELL: dict[str, Callable[[Config, Sequence[str]], str]] = {
-    "cycle": _cycle,
     "age": _age,
     "stopping": _stopping,
     "unseen": _unseen,

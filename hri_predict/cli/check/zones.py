@@ -17,7 +17,7 @@ from hri_predict.run.config import Config
 from hri_predict.run.working_distance.measure import FARTHEST_M, FAST, Situation, alone, robot_of
 from hri_predict.run.working_distance.seen import Seen
 from hri_predict.run.working_distance.standing import standing
-from hri_predict.run.working_distance.waterfall import TERMS, waterfall
+from hri_predict.run.working_distance.waterfall import TERMS, rest_text, waterfall
 from hri_predict.zones.calibration import Calibration
 from hri_predict.zones.motion_class import SPEED_CLASSES
 
@@ -101,8 +101,8 @@ def distance_facts(config: Config, predictor: Predictor) -> dict[str, Any]:
 
     Returns:
         ``robot``, ``speed_m_s``; ``why``: reason if it is unknown, or ""; ``total_m`` (``None``:
-        too far), ``costs_m`` and ``remedies`` by term, ``rest_m``; ``basis``: what decides it, if
-        that is not S_p.
+        too far), ``costs_m`` and ``remedies`` by term, ``rest_m`` and ``rest``, what that is;
+        ``basis``: what decides it, if that is not S_p.
     """
     cell = _at_once(alone(config))
     source = assemble.build_source(config)
@@ -132,6 +132,7 @@ def distance_facts(config: Config, predictor: Predictor) -> dict[str, Any]:
         "total_m": found.total_m,
         "costs_m": found.costs_m,
         "rest_m": found.rest_m,
+        "rest": rest_text(cell.node.risk.mode),
         "basis": _OVER_TIME if config.node.risk.judges_over_time else "",
         "remedies": {term.key: remedy(term.key, config, lacking) for term in TERMS},
     }
@@ -152,12 +153,15 @@ def distance_lines(facts: dict[str, Any]) -> list[str]:
     if facts["total_m"] is None:
         return [f"working distance: a person who stands, {at}, is over {FARTHEST_M:g} m away"]
     costs_m = facts["costs_m"]
-    largest = sorted(TERMS, key=lambda term: -costs_m[term.key])[:SHOWN]
+    costly = [term for term in TERMS if costs_m[term.key] > _STEP_M / 2]
+    largest = sorted(costly, key=lambda term: -costs_m[term.key])[:SHOWN]
+    ranked = "Largest other terms:" if largest else "No other term costs 1 cm or more."
     return [
-        f"working distance: {facts['total_m']:.2f} m from the base to a person who stands, {at}; "
-        f"{facts['rest_m']:.2f} m of it are the robot's reach and the body. {facts['basis']}"
-        f"People at work must stay farther away than one who stands: hri-predict simulate "
-        f"--distance measures how far, and its terms rank differently. Largest other terms:",
+        f"working distance: {facts['total_m']:.2f} m from the base to a person who stands in full "
+        f"view, {at}; "
+        f"{facts['rest_m']:.2f} m of it are {facts['rest']}. {facts['basis']}"
+        f"People at work, or half hidden by a bench, must stay farther away: hri-predict simulate "
+        f"--distance measures how far, and its terms rank differently. {ranked}",
         *(
             f"  {100 * costs_m[t.key]:.0f} cm: {t.text}; {facts['remedies'][t.key]}"
             for t in largest

@@ -19,7 +19,7 @@ from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.robots.model import StateMotion
 from hri_predict.robots.tracker import RobotNow
 from hri_predict.run.config import Config
-from hri_predict.run.working_distance.measure import FARTHEST_M, Measure, Situation
+from hri_predict.run.working_distance.measure import Measure, Situation
 from hri_predict.run.working_distance.seen import Seen
 from hri_predict.zones.body_zones import BodyZones
 from hri_predict.zones.toward import Toward
@@ -60,7 +60,13 @@ TERMS = (
 )
 """All terms, in the order in which they are removed."""
 
-REST = "rest: the robot's reach and the body itself"
+
+def rest_text(mode: str) -> str:
+    """Return what is left of the working distance in a risk mode without any term."""
+    if mode == "fixed":
+        return "the circle (risk.fixed_radius_m) and the body itself"
+    return "the robot's reach and the body itself"
+
 
 Watch = Callable[[bool, bool], tuple[Situation, Seen]]
 """(whether all joints are seen, whether captures are fresh) -> the cell and the person in it."""
@@ -71,9 +77,10 @@ class Waterfall:
     """The working distance and its parts.
 
     Attributes:
-        total_m: the working distance; ``None``: above ``FARTHEST_M``, so its parts are unknown.
+        total_m: the working distance; ``None``: above ``measure.FARTHEST_M``, and its parts
+            unknown.
         costs_m: cost of each term, by ``Term.key``.
-        rest_m: the rest without any term: the robot's reach and the body itself.
+        rest_m: the rest without any term, see ``rest_text``.
     """
 
     total_m: float | None
@@ -108,7 +115,8 @@ def waterfall(
                 near_m = max(rest_m, before_m - NEXT_M)
                 measure = cells.measure(order[:i])
                 after_m = measure.distance_m(low=near_m, high=before_m, step=step)
-            after_m = FARTHEST_M if after_m is None else max(after_m, rest_m)
+            # the search has a resolution; without a term the distance is not greater
+            after_m = before_m if after_m is None else min(max(after_m, rest_m), before_m)
             costs_m[key] += (before_m - after_m) / 2
             before_m = after_m
     return Waterfall(total_m=total_m, costs_m=costs_m, rest_m=rest_m)

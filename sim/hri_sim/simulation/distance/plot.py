@@ -7,7 +7,7 @@ from typing import Any
 from hri_predict.base.figures import Figure, write_figure
 from hri_predict.base.looks import PALETTE
 from hri_predict.run.working_distance.measure import FAST
-from hri_predict.run.working_distance.waterfall import REST, TERMS, Waterfall
+from hri_predict.run.working_distance.waterfall import TERMS, Waterfall, rest_text
 from hri_sim.simulation.distance.work import Case
 
 _STYLES = ("-", "--", "-.", ":")
@@ -29,7 +29,11 @@ def falling(case: Case, found: Waterfall) -> Figure:
     """Plot the working distance, and the contribution of each term."""
     assert found.total_m is not None
     terms = [term for term in TERMS if found.costs_m[term.key]]
-    names = ["working distance", *(term.text for term in terms), REST]
+    names = [
+        "working distance",
+        *(term.text for term in terms),
+        f"rest: {rest_text(case.modes[0])}",
+    ]
     figure = Figure(figsize=(9, 1 + 0.38 * len(names)), layout="constrained")
     panel = figure.subplots()
     left = found.total_m

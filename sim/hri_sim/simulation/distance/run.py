@@ -8,14 +8,19 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import numpy as np
+
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import YAML_ENDINGS, atomic_write
 from hri_predict.base.looks import can_plot
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.base.work.workers_for import workers_for
+from hri_predict.cli.check.remedies import remedy
 from hri_predict.cli.common import warn, writing
 from hri_predict.lab.evaluation.table import Table
 from hri_predict.run import assemble
 from hri_predict.run.compared_predictors import asked_predictors
+from hri_predict.run.config import Config
 from hri_predict.run.working_distance.measure import (
     FARTHEST_M,
     FAST,
@@ -24,8 +29,8 @@ from hri_predict.run.working_distance.measure import (
     path_of,
     robot_of,
 )
-from hri_predict.run.working_distance.waterfall import REST, TERMS, Waterfall
-from hri_sim.simulation.cell import FOREKNOWN, variants
+from hri_predict.run.working_distance.waterfall import TERMS, Waterfall, rest_text
+from hri_sim.simulation.cell import FOREKNOWN, variants, with_risk
 from hri_sim.simulation.distance.people import Activity, Sight, activities, pack, sights
 from hri_sim.simulation.distance.work import (
     Case,
@@ -43,6 +48,8 @@ TRACKERS = ("full", "coco17", "legs-hidden", "waist-hidden", "marker_clusters9")
 NOISES_M = (0.0, 0.02)
 MODES = ("predictive", "iso", FOREKNOWN)
 SECONDS = 8.0
+REDUCED, LEAST_M = 3, 0.005
+"""Number of terms with a remedy, and their minimum."""
 Found = tuple[Case, dict[str, Any]]
 """A case and the results of ``measure`` by mode."""
 
@@ -71,7 +78,7 @@ def run(request: DistanceRequest, progress: Callable[..., None]) -> SimulationRe
         error_m=request.error_m,
         drawn_noise_m=None if request.out is None else min(request.noises_m or NOISES_M),
     )
-    cases = _cases(request, people, sights(request.trackers or TRACKERS))
+    cases = _cases(request, people, sights(request.trackers or trackers_of(cell_of(plan, None))))
     for name in dict.fromkeys(case.predictor for case in cases):
         config = cell_of(plan, name)
         variants(config, request.modes or MODES, ())
@@ -91,6 +98,16 @@ def run(request: DistanceRequest, progress: Callable[..., None]) -> SimulationRe
     found = [(case, done[place]) for place, case in enumerate(cases, start=ahead)]
     terms = None if split is None else (split, done[0])
     return _report(request, plan, found=found, terms=terms, notes=notes)
+
+
+def trackers_of(cell: Config) -> Sequence[str]:
+    """Return the cell's own tracker, also behind benches; several if it delivers any joint."""
+    own = getattr(cell.source, "joint_map", None)
+    if own in (None, "canonical"):
+        return TRACKERS
+    if own.endswith(YAML_ENDINGS):
+        own = str((cell.base_dir or Path()) / own)
+    return (own, *(f"{own}+{hidden}" for hidden in ("legs-hidden", "waist-hidden")))
 
 
 def _split(case: Case) -> Case | None:
@@ -168,7 +185,10 @@ def _report(
     if plan.error_m:
         said.append(f"The tracker states an error of each person's place of {plan.error_m:g} m.")
     tables = [_table(found, request.modes or MODES, config.predictor.name)]
-    tables += [*_sets_table(found), *([] if terms is None else _terms_table(*terms))]
+    tables += _sets_table(found)
+    if terms is not None and terms[1].total_m is not None:
+        tables.append(_terms_table(*terms))
+        said += remedies_of(*terms, config)
     data = {
         "configuration": Path(plan.config).name,
         "robot": robot.name,
@@ -244,16 +264,31 @@ def _plain(case: Case, result: dict[str, Any], own: str) -> dict[str, Any]:
     }
 
 
-def _terms_table(case: Case, found: Waterfall) -> list[Table]:
-    """Return the contribution of each term; empty if the distance is too large to measure."""
-    if found.total_m is None:
-        return []
+def remedies_of(case: Case, found: Waterfall, config: Config) -> list[str]:
+    """Return how to reduce each of the largest terms."""
+    (variant,) = variants(config, case.modes, ())
+    config = with_risk(config, variant)
+    sees = np.array(joints_seen(case)).reshape(2, -1)[1]
+    lacking = [joint for joint, share in zip(JOINTS, sees, strict=True) if share == 0]
+    largest = sorted(TERMS, key=lambda term: -found.costs_m[term.key])[:REDUCED]
+    return [
+        f"{100 * found.costs_m[term.key]:.0f} cm of the contributions: {term.text}; "
+        f"{remedy(term.key, config, lacking)}."
+        for term in largest
+        if found.costs_m[term.key] > LEAST_M
+    ]
+
+
+def _terms_table(case: Case, found: Waterfall) -> Table:
+    """Return the contribution of each term, and of the rest."""
+    assert found.total_m is not None
     title = (
         f"Contributions to the distance: {case.activity.text}, {case.sight.name}, {case.modes[0]}"
     )
     rows = [(term.text, f"{100 * found.costs_m[term.key]:.0f}") for term in TERMS]
-    rows += [(REST, f"{100 * found.rest_m:.0f}"), ("sum", f"{100 * found.total_m:.0f}")]
-    return [Table(title, ("term", "cm"), tuple(rows))]
+    rest = f"rest: {rest_text(case.modes[0])}"
+    rows += [(rest, f"{100 * found.rest_m:.0f}"), ("sum", f"{100 * found.total_m:.0f}")]
+    return Table(title, ("term", "cm"), tuple(rows))
 
 
 def _plain_terms(case: Case, found: Waterfall) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """``check`` says how near a person who stands may be, and what makes that smaller."""
 
+from dataclasses import replace
+
 import pytest
 
 from hri_predict.cli.check.zones import distance_facts, distance_lines
@@ -34,3 +36,19 @@ def test_where_it_cannot_be_known_one_line_says_why(name, why):
     (line,) = distance_lines(facts_of(name))
     assert line.startswith("working distance: not known: ")
     assert why in line
+
+
+@pytest.mark.parametrize(
+    ("risk", "terms"), [({"mode": "fixed", "fixed_radius_m": 2.0}, 1), ({"mode": "iso"}, 3)]
+)
+def test_only_terms_that_cost_something_and_what_decides_instead(risk, terms):
+    config = configuration.load(configuration.shipped("demo.yaml"))
+    config = config.with_predictor("constant_velocity", horizon_s=1.2)
+    node = config.node
+    changed = node.model_copy(update={"risk": node.risk.model_copy(update=risk)})
+    config = replace(config, node=changed)
+    facts = distance_facts(config, assemble.build_predictor(config))
+    assert min(facts["costs_m"].values()) >= 0
+    first, *lines = distance_lines(facts)
+    assert len(lines) == terms
+    assert ("risk.fixed_radius_m" in first) == (risk["mode"] == "fixed")

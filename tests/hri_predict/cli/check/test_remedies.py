@@ -24,8 +24,8 @@ def test_each_term_has_one(cell, term):
 
 
 def test_the_key_of_the_cycle_is_the_one_that_acts(cell):
-    assert "raise rate_hz" in remedy("cycle", with_node(cell, ticks="fixed"), [])
-    assert "raise max_rate_hz" in remedy("cycle", with_node(cell, ticks="capture"), [])
+    for ticks in ("fixed", "capture"):  # T_r has 1 / rate_hz, whatever max_rate_hz is
+        assert "raise rate_hz" in remedy("cycle", with_node(cell, ticks=ticks), [])
     assert "ticks: capture" in remedy("age", with_node(cell, ticks="fixed"), [])
     assert "ticks: capture" not in remedy("age", with_node(cell, ticks="capture"), [])
 
@@ -52,3 +52,9 @@ def test_a_payload_is_asked_for_where_none_is_stated(cell):
     for payload_kg, asked in ((None, True), (2.0, False)):
         changed = [robot.model_copy(update={"payload_kg": payload_kg}) for robot in robots]
         assert ("payload_kg" in remedy("stopping", with_node(cell, robots=changed), [])) == asked
+
+
+def test_the_circle_of_mode_fixed_has_no_margin_to_slow_down(cell):
+    for mode, lower in (("iso", True), ("fixed", False)):
+        risk = cell.node.risk.model_copy(update={"mode": mode, "slow_margin_m": 0.25})
+        assert ("slow_margin_m" in remedy("margins", with_node(cell, risk=risk), [])) == lower
