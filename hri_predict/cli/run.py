@@ -42,9 +42,9 @@ from hri_predict.recording.format_table import ANY_ENDING
 from hri_predict.recording.ros.about import is_in_room
 from hri_predict.recording.ros.bag import BAG_ENDING, file_of, is_ros_mcap
 from hri_predict.run import config as configuration
-from hri_predict.run.assemble import unused_coverage
 from hri_predict.run.compared_predictors import with_predictor
 from hri_predict.run.config import Config
+from hri_predict.run.coverage import unused_coverage
 from hri_predict.run.session import Options
 from hri_predict.run.session import run as run_session
 from hri_predict.viewing.feed import Feed, has_viser

@@ -159,4 +159,4 @@ def _device(config: Config, index: int, port: str | None) -> Transport[Any]:
     if port is not None and isinstance(cls, Simulatable):
         settings = settings.model_copy(update={cls.port_field: port})
     with registry.building(f"link '{settings.name}'"):
-        return cls.make_transport(settings.resolved(config.base_dir))
+        return cls.make_transport(assemble.completed(config, settings))

@@ -19,6 +19,18 @@ class OfRobots(Protocol):
 
 
 @runtime_checkable
+class RefusesOld(Protocol):
+    """Settings of a link that itself refuses old advice, since its controller sees no ages.
+
+    Attributes:
+        max_age_s: maximum age of the capture at this end of the link; ``None``: the maximum that
+            the delay budget allows, which the node fills in.
+    """
+
+    max_age_s: float | None
+
+
+@runtime_checkable
 class Unprotected(Protocol):
     """A kind of link that uses a third-party protocol without this node's CRC and counters.
 

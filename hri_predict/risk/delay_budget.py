@@ -113,6 +113,15 @@ class DelayBudget:
             for link in self.links
         }
 
+    def oldest_sent_s(self, robots: Sequence[str]) -> Mapping[str, float]:
+        """Return the maximum age of advice that the node may send on each link, s, by link.
+
+        It is that of ``oldest_s`` without the link's delay: what a link that refuses old advice
+        sends instead needs that time to reach the controller.
+        """
+        oldest_s = self.oldest_s(robots)
+        return {link.name: oldest_s[link.name] - link.delay_s for link in self.links}
+
     def check(
         self, robot: str, stopping_s: float, horizon_s: float, extend_beyond_horizon: bool
     ) -> None:

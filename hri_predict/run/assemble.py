@@ -36,13 +36,12 @@ from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.levels.latches import random_latch_id
 from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.tracker import RobotTracker
-from hri_predict.run.advised import advised, of_robots
+from hri_predict.run.advised import advised, of_robots, with_age_limit
 from hri_predict.run.config import Config
 from hri_predict.run.each_robot import each_robot
 from hri_predict.run.places import check_places
 from hri_predict.run.ticks import phase_of
 from hri_predict.zones.calibration import Calibration, calibration_for
-from hri_predict.zones.settings import CoverageSettings
 
 LATE_FRACTION = 0.5  # of a cycle: a prediction that takes longer is late
 
@@ -203,17 +202,6 @@ def build_calibration(config: Config) -> Calibration | None:
         return calibration_for(settings, config.node.risk.coverage, config.base_dir)
 
 
-def unused_coverage(config: Config) -> str:
-    """Return a warning if ``risk.coverage`` is set but not used by the mode; otherwise ""."""
-    risk = config.node.risk
-    if risk.uses_forecasts or risk.coverage == CoverageSettings():
-        return ""
-    return (
-        f"risk.coverage has no effect: mode {risk.mode} uses no forecast; "
-        f"set mode: predictive or hybrid, or remove risk.coverage"
-    )
-
-
 def advised_on_links(config: Config) -> list[frozenset[int]]:
     """Return, for each opened link, the indices of the robots whose advice it carries."""
     return [frozenset(advised(config, settings)) for settings in config.opened_links]
@@ -223,6 +211,18 @@ def build_budget(config: Config, source: Source) -> DelayBudget:
     """Return the delay budget of the slowest link."""
     stale_s = config.source.stale_after_s(source.rate_hz)
     return DelayBudget.from_settings(config.node.rate_hz, config.links, stale_s)
+
+
+def completed(config: Config, settings: LinkSettings) -> LinkSettings:
+    """Return a link's settings with its paths, and the defaults that depend on the cell.
+
+    Raises:
+        LinkError: they do not fit the link's robots.
+    """
+    settings = of_robots(config, settings.resolved(config.base_dir))
+    return with_age_limit(
+        config, settings, lambda: build_budget(config, build_source(config, with_faults=False))
+    )
 
 
 def build_repeats(config: Config, source: Source, links: Sequence[Link]) -> Repeats:
@@ -257,7 +257,7 @@ def build_link(
         if not isinstance(cls, Simulatable):
             raise ConfigError(f"link {settings.name}: kind '{settings.kind}' cannot be simulated")
         settings = settings.model_copy(update={cls.port_field: port})
-    settings = of_robots(config, settings.resolved(config.base_dir))
+    settings = completed(config, settings)
     robots = advised(config, settings)
     shapes = state_shapes(config, robots)
     with registry.building(f"link '{settings.name}'"):

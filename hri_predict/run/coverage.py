@@ -1,7 +1,8 @@
-"""Description of the basis of a run's zones, for ``check``, the 3D view and recordings."""
+"""Description of the basis of a run's zones, for ``check``, ``run``, the 3D view and recordings."""
 
 from hri_predict.run.assemble import build_calibration
 from hri_predict.run.config import Config
+from hri_predict.zones.settings import CoverageSettings
 
 
 def zones_text(config: Config) -> str:
@@ -21,4 +22,15 @@ def zones_text(config: Config) -> str:
     return (
         f"calibrated on {len(calibration.recordings)} recordings to hold {held} in "
         f"{100 * coverage.level:g} % ({coverage.basis}), {check}"
+    )
+
+
+def unused_coverage(config: Config) -> str:
+    """Return a warning if ``risk.coverage`` is set but not used by the mode; otherwise ""."""
+    risk = config.node.risk
+    if risk.uses_forecasts or risk.coverage == CoverageSettings():
+        return ""
+    return (
+        f"risk.coverage has no effect: mode {risk.mode} uses no forecast; "
+        f"set mode: predictive or hybrid, or remove risk.coverage"
     )

@@ -14,7 +14,7 @@ from hri_drivers.links.supervised import SupervisedLink
 from hri_drivers.wires.transport import Transport
 from hri_predict.base.clock import Clock
 from hri_predict.base.errors import LinkError
-from hri_predict.base.quantities.safe_side import Safety, harmless
+from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.contracts.link import LinkLoad, LinkSettings
 from hri_predict.protocol.wire import StateShape
 
@@ -36,6 +36,33 @@ class ConfiguredLinkSettings(LinkSettings):
     )
 
     safety: ClassVar[Safety] = harmless("robot_state_rate_hz", "wait_for_device")
+
+
+class RefusingLinkSettings(ConfiguredLinkSettings):
+    """Settings of links that refuse old advice; see ``contracts.link_abilities.RefusesOld``."""
+
+    max_age_s: float | None = Field(
+        None,
+        ge=0.02,
+        le=5,
+        description="maximum age of an Advice's capture; older ones permit no motion; default: the"
+        " delay budget's, printed by check",
+    )
+
+    safety: ClassVar[Safety] = {
+        "max_age_s": LessSafe(above="an Advice permits motion for {more:.2g} s longer"),
+    }
+
+    @property
+    def age_limit_s(self) -> float:
+        """``max_age_s``.
+
+        Raises:
+            LinkError: it is neither configured nor filled in by the node.
+        """
+        if self.max_age_s is None:
+            raise LinkError(f"link '{self.name}': max_age_s is missing; set it")
+        return self.max_age_s
 
 
 S = TypeVar("S", bound=ConfiguredLinkSettings)

@@ -18,6 +18,7 @@ from hri_predict.cli.check import realtime as machine
 from hri_predict.cli.common import JsonOption, without_effect
 from hri_predict.contracts import registry
 from hri_predict.contracts.link import Transport
+from hri_predict.contracts.link_abilities import RefusesOld
 from hri_predict.contracts.predictor import Predictor
 from hri_predict.operation.foxglove.live import foxglove_sdk
 from hri_predict.operation.monitoring.alerts import alert_file
@@ -208,6 +209,11 @@ def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any
         "delay_budget_s": terms,
         "reaction_time_s": sum(terms.values()),
         "refuse_advice_older_than_s": dict(oldest_s),
+        "max_age_s": {
+            link.name: completed.max_age_s
+            for link in config.links
+            if isinstance(completed := assemble.completed(config, link), RefusesOld)
+        },
         "stopping": {name: {"time_s": t, "distance_m": d} for name, (t, d) in stops.items()},
         "until_stopped_s": {
             name: budget.reaction_s(budget.stale_s, name) + t for name, (t, _) in stops.items()
@@ -312,6 +318,8 @@ def _delay_table(found: dict[str, Any]) -> Table:
     table.add_row("T_r: reaction time, capture to braking", f"{total_ms:.0f} ms", end_section=True)
     for whose, oldest_s in _oldest(found["refuse_advice_older_than_s"]):
         table.add_row(f"{whose}: reject advice older than", f"{oldest_s * 1e3:.0f} ms")
+    for link, max_age_s in found["max_age_s"].items():
+        table.add_row(f"link {link} itself rejects advice older than", f"{max_age_s * 1e3:.0f} ms")
     table.add_section()
     for robot, stop in found["stopping"].items():
         table.add_row(

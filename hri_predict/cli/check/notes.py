@@ -5,6 +5,7 @@ from typing import Any
 
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.link import LinkSettings
+from hri_predict.contracts.link_abilities import RefusesOld
 from hri_predict.contracts.repetition import HEARD_LATE_S, LOST_MESSAGES, lost_without_silence
 from hri_predict.node.memory import demand_state_file
 from hri_predict.operation.alerting.settings import is_loopback
@@ -13,8 +14,9 @@ from hri_predict.people.lost.free_space import BODY_M, CELL_M
 from hri_predict.risk.areas import floor_distance
 from hri_predict.robots.model import RobotModel, RobotSettings, StateMotion, TrajectoryMotion
 from hri_predict.run import assemble
-from hri_predict.run.advised import advised
+from hri_predict.run.advised import advised, age_limits_s
 from hri_predict.run.config import Config
+from hri_predict.run.coverage import unused_coverage
 from hri_predict.zones.lost_places import ARM_M
 
 # -- notes on the delays that the configuration assumes of links and controllers -------------------
@@ -29,7 +31,7 @@ def delay_notes(config: Config) -> list[str]:
     for link in config.links:
         notes += _assumed(link) if link.advises else []
         notes += _too_short(link, 1.0 / config.node.rate_hz) if link.advises else []
-    return notes
+    return notes + _too_old(config)
 
 
 def _assumed(link: LinkSettings) -> list[str]:
@@ -63,6 +65,25 @@ def _too_short(link: LinkSettings, cycle_s: float) -> list[str]:
     return [
         f"link {link.name}: silence_timeout_s {link.silence_timeout_s * 1e3:g} ms is short for "
         f"{heard}: {effect}; raise it to {needed_s:.2g} s (in the controller, too), or repeat_hz"
+    ]
+
+
+def _too_old(config: Config) -> list[str]:
+    """Return a note for each link that accepts advice older than T_r assumes."""
+    limits = {
+        link.name: link.max_age_s
+        for link in config.links
+        if isinstance(link, RefusesOld) and link.max_age_s is not None
+    }
+    if not limits:
+        return []
+    budget = assemble.build_budget(config, assemble.build_source(config, with_faults=False))
+    return [
+        f"link {name}: max_age_s {limits[name] * 1e3:g} ms permits motion on advice older than T_r "
+        f"assumes, so a person may come closer than the separation distance; set it to "
+        f"{longest_s:g}, or leave it out"
+        for name, longest_s in age_limits_s(config, budget).items()
+        if limits.get(name, 0.0) > longest_s
     ]
 
 
@@ -247,7 +268,7 @@ def general_notes(config: Config) -> list[str]:
         notes.append("risk.latch without 'state': latches are lost when the node restarts")
     if "restart" in config.node.risk.latch and config.node.state is None:
         notes.append("risk.latch restart needs 'state': without it no earlier run is known")
-    if unused := assemble.unused_coverage(config):
+    if unused := unused_coverage(config):
         notes.append(unused)
     if (shown := config.node.foxglove) is not None and not is_loopback(shown.host):
         notes.append(

@@ -4,6 +4,7 @@ from hri_predict.base.quantities.safe_side import LessSafeSetting, less_safe
 from hri_predict.risk.robot_constants import worst_distance
 from hri_predict.robots.file import read_robot_file
 from hri_predict.robots.settings import StateMotion
+from hri_predict.run.advised import age_limits_s
 from hri_predict.run.assemble import build_budget, build_robots, build_source
 from hri_predict.run.config import Config
 
@@ -37,6 +38,8 @@ def _computed(config: Config) -> dict[str, float]:
         "source.stale_s": config.source.default_stale_s(rate_hz),
         "people.max_gap_s": max(0.1, 2.5 / rate_hz),
     }
+    for name, limit_s in age_limits_s(config, budget).items():
+        found[f"links.{name}.max_age_s"] = limit_s
     for i, (settings, model) in enumerate(zip(config.node.robots, robots, strict=True)):
         if config.node.risk.mode == "fixed":
             worst = worst_distance(config.node.risk, settings, model, budget)

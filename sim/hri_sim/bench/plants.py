@@ -82,6 +82,7 @@ def rows(scope: Scope) -> Iterator[Row]:
 
 PERIOD_S, SPREAD_S = 0.035, 0.01  # every phase between posting and polling occurs
 POLL_S = 0.01
+MAX_AGE_S = 0.4  # no cell states the delays; every advice here is fresh
 SETTLE_S, DRAIN_S = 1.0, 0.5
 
 
@@ -159,7 +160,9 @@ class RtdeController:
 def _rtde(seconds: float) -> dict[str, Any]:
     with contextlib.closing(RtdeController()) as robot:
         port = robot.port
-        settings = RtdeLinkSettings(name="bench", host="127.0.0.1", port=port, full_speed_m_s=1.0)
+        settings = RtdeLinkSettings(
+            name="bench", host="127.0.0.1", port=port, full_speed_m_s=1.0, max_age_s=MAX_AGE_S
+        )
         link = RtdeLink(settings, MonotonicClock())
         # the last of a dictionary's equal keys stays, and the first time counts
         return _measured(link, seconds, lambda: {n: at for at, n in reversed(robot.heard)})
@@ -168,14 +171,14 @@ def _rtde(seconds: float) -> dict[str, Any]:
 def _modbus(seconds: float) -> dict[str, Any]:
     from hri_drivers.links.modbus.link import ModbusLink, ModbusLinkSettings  # needs pymodbus
 
-    settings = ModbusLinkSettings(name="bench", port=free_tcp_port())
+    settings = ModbusLinkSettings(name="bench", port=free_tcp_port(), max_age_s=MAX_AGE_S)
     return _served(ModbusLink(settings, MonotonicClock()), settings.port, _poll, seconds)
 
 
 def _opcua(seconds: float) -> dict[str, Any]:
     from hri_drivers.links.opcua.link import OpcUaLink, OpcUaLinkSettings  # needs asyncua
 
-    settings = OpcUaLinkSettings(name="bench", port=free_tcp_port())
+    settings = OpcUaLinkSettings(name="bench", port=free_tcp_port(), max_age_s=MAX_AGE_S)
     return _served(OpcUaLink(settings, MonotonicClock()), settings.port, _subscribe, seconds)
 
 

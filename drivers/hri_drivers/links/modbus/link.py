@@ -52,7 +52,7 @@ class ModbusLink(PlantLink[ModbusLinkSettings]):
     @staticmethod
     def make_transport(settings: ModbusLinkSettings) -> ModbusTransport:
         """The server, not yet open."""
-        image = Image(settings.silence_timeout_s, settings.max_age_s)
+        image = Image(settings.silence_timeout_s, settings.age_limit_s)
         return ModbusTransport((settings.host, settings.port), image)
 
     @staticmethod

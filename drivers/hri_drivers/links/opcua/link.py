@@ -274,7 +274,7 @@ class OpcUaLink(PlantLink[OpcUaLinkSettings]):
                 "host": settings.host,
                 "port": settings.port,
                 "silence_s": settings.silence_timeout_s,
-                "max_age_s": settings.max_age_s,
+                "max_age_s": settings.age_limit_s,
                 "certificate": str(settings.certificate or ""),
                 "private_key": str(settings.private_key or ""),
                 "trusted": [str(path) for path in settings.trusted],

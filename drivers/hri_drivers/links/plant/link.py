@@ -13,7 +13,7 @@ from typing import ClassVar, Self, TypeVar
 
 from pydantic import Field, model_validator
 
-from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
+from hri_drivers.links.configured import ConfiguredLink, RefusingLinkSettings
 from hri_drivers.links.load import Traffic
 from hri_drivers.links.plant.codec import BITRATE, OVERHEAD_BYTES, RegisterCodec
 from hri_drivers.links.plant.image import Block
@@ -28,7 +28,7 @@ from hri_predict.robots.settings import RobotSettings
 log = logging.getLogger(__name__)
 
 
-class PlantLinkSettings(ConfiguredLinkSettings):
+class PlantLinkSettings(RefusingLinkSettings):
     """Settings common to servers that plants read."""
 
     host: str = Field("127.0.0.1", description="address of this machine to listen on")
@@ -36,9 +36,6 @@ class PlantLinkSettings(ConfiguredLinkSettings):
     allow_unauthenticated: bool = Field(
         False,
         description="listen beyond loopback, although anyone on the network can read and write",
-    )
-    max_age_s: float = Field(
-        0.4, ge=0.02, le=5, description="maximum age of an Advice's capture; older ones are unknown"
     )
     bases: list[Pose | None] | None = Field(
         None,
@@ -48,7 +45,6 @@ class PlantLinkSettings(ConfiguredLinkSettings):
     )
 
     safety: ClassVar[Safety] = harmless("port") | {
-        "max_age_s": LessSafe(above="an Advice permits motion for {more:.2g} s longer"),
         "allow_unauthenticated": LessSafe(
             other="anyone on the network can forge robot states and press the button"
         ),

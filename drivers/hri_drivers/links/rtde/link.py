@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from hri_drivers.links.configured import SAY_NS, ConfiguredLink, ConfiguredLinkSettings
+from hri_drivers.links.configured import SAY_NS, ConfiguredLink, RefusingLinkSettings
 from hri_drivers.links.load import Traffic
 from hri_drivers.links.rtde.packets import Kind, Packet, Recipe, framed, text_of
 from hri_drivers.links.rtde.robot import JOINTS, OUTPUTS, StateReader
@@ -18,7 +18,7 @@ from hri_drivers.links.rtde.slider import SpeedSlider, Written
 from hri_drivers.links.rtde.transport import RtdeTransport
 from hri_drivers.wires.transport import Transport, TransportBusy
 from hri_predict.base.errors import LinkError
-from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
+from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.base.settings import MIN_SPEED_M_S
 from hri_predict.contracts.link import LinkCounters
 from hri_predict.protocol.messages import Advice, Message, RobotState, at_encoding
@@ -43,7 +43,7 @@ _WRITTEN = struct.Struct(">Idii")
 _TYPES = ("UINT32", "DOUBLE", "INT32", "INT32")
 
 
-class RtdeLinkSettings(ConfiguredLinkSettings):
+class RtdeLinkSettings(RefusingLinkSettings):
     """An entry of ``links:`` with ``kind: rtde``."""
 
     kind: str = "rtde"
@@ -65,12 +65,6 @@ class RtdeLinkSettings(ConfiguredLinkSettings):
     hold_s: float = Field(
         0.5, ge=0, le=10, description="minimum time for which the slider stays at 0"
     )
-    max_age_s: float = Field(
-        0.4,
-        ge=0.02,
-        le=5,
-        description="maximum age of an Advice's capture; older ones permit nothing",
-    )
     watchdog_register: int = Field(
         24, ge=0, le=47, description="input_int_register that counts fresh Advice"
     )
@@ -80,9 +74,7 @@ class RtdeLinkSettings(ConfiguredLinkSettings):
 
     safety: ClassVar[Safety] = harmless(
         "port", "full_speed_m_s", "rise_per_s", "hold_s", "watchdog_register", "level_register"
-    ) | {
-        "max_age_s": LessSafe(above="an Advice permits motion for {more:.2g} s longer"),
-    }
+    )
 
     @model_validator(mode="after")
     def _registers_differ(self) -> Self:
@@ -216,7 +208,7 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
             rise_per_s=settings.rise_per_s,
             hold_s=settings.hold_s,
             silence_s=settings.silence_timeout_s,
-            max_age_s=settings.max_age_s,
+            max_age_s=settings.age_limit_s,
         )
         self._due_ns = 0
         self._said, self._said_ns = "", -SAY_NS

@@ -90,7 +90,7 @@ def link() -> Iterator[Callable[..., ModbusLink]]:
     made: list[ModbusLink] = []
 
     def make(**changes: Any) -> ModbusLink:
-        data = {"name": "plant", "port": 0, "bases": [Pose()]} | changes
+        data = {"name": "plant", "port": 0, "max_age_s": 0.4, "bases": [Pose()]} | changes
         made.append(ModbusLink(ModbusLinkSettings(**data), MonotonicClock()))
         made[-1].start()
         return made[-1]

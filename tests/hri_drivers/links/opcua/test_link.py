@@ -65,7 +65,7 @@ class Node:
     """A link, and a thread that posts as a node does."""
 
     def __init__(self, **changes: Any) -> None:
-        data = {"name": "plant", "port": 0, "bases": [Pose()]} | changes
+        data = {"name": "plant", "port": 0, "max_age_s": 0.4, "bases": [Pose()]} | changes
         self.link = OpcUaLink(OpcUaLinkSettings(**data), MonotonicClock())
         self.link.start()
         self.speaks, self.ends = threading.Event(), threading.Event()
@@ -312,14 +312,18 @@ def test_with_certificates_only_known_clients_are_served(tmp_path):
 def test_a_port_that_is_taken_is_one_line():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        made = OpcUaLink(OpcUaLinkSettings(name="plant", port=port), MonotonicClock())
+        made = OpcUaLink(
+            OpcUaLinkSettings(name="plant", port=port, max_age_s=0.4), MonotonicClock()
+        )
         said = rf"link 'plant': OPC UA server at 127.0.0.1:{port}: in use by another program"
         with pytest.raises(LinkError, match=said):
             made.start()
 
 
 def test_an_address_of_another_machine_is_one_line():
-    settings = OpcUaLinkSettings(name="plant", host="192.0.2.1", allow_unauthenticated=True)
+    settings = OpcUaLinkSettings(
+        name="plant", host="192.0.2.1", max_age_s=0.4, allow_unauthenticated=True
+    )
     said = "OPC UA server at 192.0.2.1:4840: not an address of this machine; correct 'host'"
     with pytest.raises(LinkError, match=said):
         OpcUaLink(settings, MonotonicClock()).start()

@@ -26,7 +26,8 @@ Make = Callable[..., RtdeLink]
 
 
 def settings(**changes: Any) -> RtdeLinkSettings:
-    data = {"name": "arm", "host": "127.0.0.1", "full_speed_m_s": 1.0, "hold_s": 0.1} | changes
+    data = {"name": "arm", "host": "127.0.0.1", "full_speed_m_s": 1.0, "max_age_s": 0.4}
+    data |= {"hold_s": 0.1} | changes
     return RtdeLinkSettings(rise_per_s=2.0, **data)
 
 

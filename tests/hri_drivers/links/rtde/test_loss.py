@@ -42,7 +42,7 @@ class Wire:
 def test_a_controller_that_is_not_understood_hears_a_stop_as_the_last_word():
     wire, clock = Wire(), VirtualClock(0)
     settings = RtdeLinkSettings(
-        name="arm", host="127.0.0.1", full_speed_m_s=1.0, hold_s=0.0, rise_per_s=2.0
+        name="arm", host="127.0.0.1", full_speed_m_s=1.0, max_age_s=0.4, hold_s=0.0, rise_per_s=2.0
     )
     link = RtdeLink(settings, clock, wire)
     for now_ns in range(CYCLE_NS, 100 * CYCLE_NS, CYCLE_NS):

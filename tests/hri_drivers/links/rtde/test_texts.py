@@ -21,7 +21,7 @@ class TalkativeWire(Wire):
 
 def test_texts_that_change_with_each_cycle_are_logged_each_ten_seconds(caplog):
     wire = TalkativeWire()
-    settings = RtdeLinkSettings(name="arm", host="127.0.0.1", full_speed_m_s=1.0)
+    settings = RtdeLinkSettings(name="arm", host="127.0.0.1", full_speed_m_s=1.0, max_age_s=0.4)
     link = RtdeLink(settings, VirtualClock(0), wire)
     cycles = 2 * SAY_NS // CYCLE_NS
     for k in range(1, cycles + 1):
@@ -35,7 +35,7 @@ def test_texts_that_change_with_each_cycle_are_logged_each_ten_seconds(caplog):
 
 def test_a_text_that_repeats_is_logged_once(caplog):
     wire = TalkativeWire()
-    settings = RtdeLinkSettings(name="arm", host="127.0.0.1", full_speed_m_s=1.0)
+    settings = RtdeLinkSettings(name="arm", host="127.0.0.1", full_speed_m_s=1.0, max_age_s=0.4)
     link = RtdeLink(settings, VirtualClock(0), wire)
     for k in range(1, 5):
         wire.texts = [b"remote control is off"]

@@ -35,7 +35,7 @@ LINKS: list[tuple[str, dict[str, Any]]] = [
     ("opcua", {}),
     ("modbus_client", {"host": "127.0.0.1", "max_state_age_s": 0.1, "registers": REGISTERS}),
     ("opcua_client", {"host": "127.0.0.1", "max_state_age_s": 0.1, "nodes": READ}),
-    ("rtde", {"host": "127.0.0.1", "full_speed_m_s": 1.0}),
+    ("rtde", {"host": "127.0.0.1", "full_speed_m_s": 1.0, "max_age_s": 0.4}),
     ("ros2", {"full_speed_m_s": 1.0}),
 ]
 FOREIGN = {
