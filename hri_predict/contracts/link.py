@@ -137,6 +137,7 @@ class LinkCounters:
     bus_errors: int = 0  # error frames that the CAN controller reported
     error_passive: int = 0  # times that it became error-passive
     bus_off: int = 0  # times that it left the bus
+    advice_timeouts: int = 0  # times that the link itself stopped a robot: advice late or too old
     write_errors: int = 0
     disconnects: int = 0
     reconnects: int = 0
@@ -215,9 +216,8 @@ class Link(Protocol):
         connected: whether the device is open now.
         on_sent: if set, called with (name, bytes, time) after each unit written.
         last_error: one line about the newest error, ``None`` if there was none.
-        foreign_ns: time at which a second sender was last detected, by two complete frames within
-            half a second with this node's ids that it did not send (``counters.foreign``); ``None``
-            if there was none. An echo does not count.
+        foreign_ns: time at which a second sender was last detected, by two complete frames of
+            ``counters.foreign`` within half a second; ``None``: never. An echo does not count.
     """
 
     name: str

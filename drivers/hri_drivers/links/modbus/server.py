@@ -114,6 +114,11 @@ class ModbusTransport:
         self._inbox: deque[Block] = deque()
         self._run: _Run | None = None
 
+    @property
+    def advice_timeouts(self) -> int:
+        """Number of times that PLCs read an advice as *unknown* that had permitted motion."""
+        return self._image.timeouts
+
     def open(self) -> None:
         """Listen.
 

@@ -44,6 +44,7 @@ class OpcUaTransport:
         robots: indices of the robots that have variables.
         port: the open port.
         refused: number of refused write requests and presses.
+        advice_timeouts: number of times that an advice that permits motion became *Bad*.
         say: called with one line about a problem that others must correct.
         open_limit_s: maximum time for opening.
     """
@@ -56,6 +57,7 @@ class OpcUaTransport:
         self.say: Callable[[str], None] = lambda line: None
         self._asked = asked
         self._refused = self._refused_before = 0
+        self._timeouts = self._timeouts_before = 0
         self._link: socket.socket | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._heard_s = 0.0
@@ -64,6 +66,11 @@ class OpcUaTransport:
     def refused(self) -> int:
         """See the class."""
         return self._refused_before + self._refused
+
+    @property
+    def advice_timeouts(self) -> int:
+        """See the class."""
+        return self._timeouts_before + self._timeouts
 
     def open(self) -> None:
         """Start the server.
@@ -140,6 +147,7 @@ class OpcUaTransport:
                 units.append(messages.unpacked_block(rest)[0])
             elif kind == messages.COUNTS:
                 self._refused = messages.number_of(message)
+                self._timeouts = messages.number_of(message, 1)
                 break
             elif kind == messages.SAID:
                 self.say(rest.decode())
@@ -152,6 +160,7 @@ class OpcUaTransport:
         link, self._link = self._link, None
         process, self._process = self._process, None
         self._refused_before, self._refused = self.refused, 0
+        self._timeouts_before, self._timeouts = self.advice_timeouts, 0
         if link is not None:
             with contextlib.suppress(OSError):
                 link.shutdown(socket.SHUT_RDWR)

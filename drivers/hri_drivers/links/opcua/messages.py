@@ -5,7 +5,9 @@ import struct
 from hri_drivers.links.plant.image import Block
 
 READY, FAILED, COUNTS, SAID, PRESSED = b"R", b"F", b"C", b"S", b"P"
-"""From the server: open (with its port), an error, refused requests, a log line, a press."""
+"""From the server: open (with its port), an error, counts (refused requests, timeouts of advice), a
+log line, a press.
+"""
 MOST = 4096  # bytes
 _BLOCK = struct.Struct(">QH")
 _NUMBER = struct.Struct(">Q")
@@ -27,7 +29,7 @@ def number(value: int) -> bytes:
     return _NUMBER.pack(value)
 
 
-def number_of(data: bytes) -> int:
-    """Return the count or port in a message after its first byte."""
-    found: int = _NUMBER.unpack_from(data, 1)[0]
+def number_of(data: bytes, index: int = 0) -> int:
+    """Return the count or port in a message after its first byte, or a later one."""
+    found: int = _NUMBER.unpack_from(data, 1 + index * _NUMBER.size)[0]
     return found

@@ -70,7 +70,8 @@ class PlantServer:
             if now_ns - reported_ns >= REPORT_NS:
                 reported_ns = now_ns
                 refused = self._refused + self._rules.refused
-                self._send(messages.COUNTS + messages.number(refused))
+                counts = (refused, self._variables.timeouts if self._variables else 0)
+                self._send(messages.COUNTS + b"".join(map(messages.number, counts)))
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._wake.wait(), PERIOD_S)
             self._wake.clear()

@@ -53,6 +53,11 @@ class Variables:
         self._shown: dict[str, tuple[int, int, datetime | None]] = {}
         self._looked_ns = 0
 
+    @property
+    def timeouts(self) -> int:
+        """See ``Image``."""
+        return self._image.timeouts
+
     async def create(self, pressed: Any, chosen: Any) -> None:
         """Create folders, variables and the methods.
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hri_predict.protocol.fields import MAX_ROBOTS
+from hri_predict.protocol.messages import Level
 from hri_predict.protocol.registers import (
     NEAREST,
     NODE,
@@ -19,6 +20,7 @@ from hri_predict.protocol.registers import (
     SETS_BASE,
     Register,
     nearest_address,
+    offset_of,
     packed,
     placed,
     robot_address,
@@ -26,6 +28,8 @@ from hri_predict.protocol.registers import (
 )
 
 _AGES = ("NODE_AGE", "AGE", "NEAREST_AGE")
+_LEVEL_AT = offset_of(ROBOT, "LEVEL")
+_MOVING = frozenset(int(level) for level in Level if level.may_move)
 _JUDGED = (ROBOT, NEAREST)
 """Blocks that become stale if their capture is old; NODE only shows its age."""
 
@@ -65,11 +69,17 @@ class Image:
     Args:
         silence_s: a block that is older than this is stale.
         max_age_s: an advice or distance from an older capture is stale.
+
+    Attributes:
+        timeouts: number of times that a robot's registers were read as stale although its last
+            advice permits motion.
     """
 
     def __init__(self, silence_s: float, max_age_s: float) -> None:
         self._silence_ns = round(silence_s * 1e9)
         self._max_age_ms = round(max_age_s * 1e3)
+        self.timeouts = 0
+        self._timed_out: set[int] = set()  # addresses counted, until the next read that is fresh
         self._lock = threading.Lock()
         self._blocks: dict[int, tuple[list[int], int]] = {}
 
@@ -102,7 +112,17 @@ class Image:
             if address == 0 and came_ns is None:
                 words[0] = 0  # not even the map's version, before the first Status
             found[address] = self._aged(registers, words, came_ns, now_ns)
+            if registers is ROBOT and came_ns is not None:
+                self._count(address, words[_LEVEL_AT] in _MOVING, found[address][1])
         return found
+
+    def _count(self, address: int, may_move: bool, stale: bool) -> None:
+        """Count a timeout of a robot's advice once, until it is read fresh again."""
+        if not stale:
+            self._timed_out.discard(address)
+        elif may_move and address not in self._timed_out:
+            self._timed_out.add(address)
+            self.timeouts += 1
 
     def _aged(
         self,

@@ -158,6 +158,7 @@ class PlantLink(ConfiguredLink[P, Block]):
         if isinstance(message, Status):
             self._watch_plc()
             self._codec.count(self.counters)  # what the server refused comes with no unit
+            self.counters.advice_timeouts = getattr(self._transport, "advice_timeouts", 0)
         return super()._encoded(message, now_ns)
 
     def _send_bulk(self, now_ns: int, paced: bool) -> bool:

@@ -294,7 +294,9 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
 
     def _package(self, now_ns: int) -> Packet:
         self._due_ns = now_ns + WRITE_NS
-        return package(self._slider.at(now_ns))
+        written = self._slider.at(now_ns)
+        self.counters.advice_timeouts = self._slider.timeouts
+        return package(written)
 
     def _drain(self, now: Callable[[], int], with_bulk: bool = True, paced: bool = False) -> None:
         """See ``SupervisedLink``; write the registers again when it is time."""

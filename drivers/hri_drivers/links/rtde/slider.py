@@ -46,6 +46,10 @@ class SpeedSlider:
         hold_s: minimum time at 0.
         silence_s: time for which an Advice is valid.
         max_age_s: maximum age of its capture, after which it is no longer valid.
+
+    Attributes:
+        timeouts: number of times that 0 was written because an Advice that permits motion had
+            become invalid.
     """
 
     def __init__(
@@ -61,6 +65,8 @@ class SpeedSlider:
         self._rise_per_s = rise_per_s
         self._hold_ns = round(hold_s * 1e9)
         self._silence_s, self._max_age_s = silence_s, max_age_s
+        self.timeouts = 0
+        self._timed_out = False
         self._wanted = 0.0
         self._level = Level.UNKNOWN
         self._until_ns: int | None = None
@@ -89,6 +95,7 @@ class SpeedSlider:
     def at(self, now_ns: int) -> Written:
         """Return the values to write now; times never go back."""
         silent = self._until_ns is None or now_ns >= self._until_ns
+        self._count(silent)
         wanted = 0.0 if silent else self._wanted
         step_s = 0.0 if self._at_ns is None else (now_ns - self._at_ns) * 1e-9
         self._at_ns = now_ns
@@ -102,6 +109,14 @@ class SpeedSlider:
             self._slope = min(wanted, self._slope + step)
         fraction = self._slope if self._slope >= LEAST else 0.0
         return Written(fraction, self._watchdog, Level.UNKNOWN if silent else self._level)
+
+    def _count(self, silent: bool) -> None:
+        """Count a timeout once, until the next valid Advice."""
+        if not silent:
+            self._timed_out = False
+        elif self._until_ns is not None and self._wanted >= LEAST and not self._timed_out:
+            self._timed_out = True
+            self.timeouts += 1
 
     def _may_rise(self, now_ns: int) -> bool:
         """Whether 0 was held for long enough; at the start, it is timed from the first call."""

@@ -154,6 +154,7 @@ def test_silence_is_bad_and_the_heartbeat_stands_still(node, far):
     assert far.ask(read=NAMES)[3][1] == before[3][1]
     node.speaks.set()
     eventually(lambda: far.ask(read=NAMES)[0][:2] == ["Good", 1], 10.0)
+    eventually(lambda: node.link.counters.advice_timeouts >= 1, 10.0)
 
 
 @marked

@@ -104,7 +104,8 @@ def test_an_old_capture_is_bad_though_the_node_speaks(shown):
 def test_a_message_between_the_processes_is_the_block_and_its_time():
     block = Block.of(100, [1, 2, 65535])
     assert messages.unpacked_block(messages.packed_block(block, 12345)) == (block, 12345)
-    assert messages.number_of(messages.COUNTS + messages.number(7)) == 7
+    counts = messages.COUNTS + messages.number(7) + messages.number(9)
+    assert (messages.number_of(counts), messages.number_of(counts, 1)) == (7, 9)
 
 
 # -- what clients may do and cost ------------------------------------------------------------------

@@ -62,6 +62,22 @@ def test_a_block_that_is_not_renewed_is_unknown(image):
     assert (node["HEARTBEAT"], node["PEOPLE"], node["NODE_STATE"]) == (9, 65535, 0)
 
 
+def test_each_advice_that_a_plant_reads_as_stale_is_counted_once(image):
+    robot(image, 59)
+    assert image.timeouts == 0
+    robot(image, 60)
+    robot(image, 70)
+    assert image.timeouts == 1
+    image.put(Block.of(robot_address(1), packed(ROBOT, PERMITS)), 80 * MS)
+    robot(image, 90)
+    image.put(Block.of(robot_address(1), packed(ROBOT, PERMITS | {"AGE": 390})), 90 * MS)
+    robot(image, 101)
+    assert image.timeouts == 2
+    image.put(Block.of(robot_address(1), packed(ROBOT, PERMITS | {"LEVEL": 4})), 110 * MS)
+    robot(image, 200)  # the node itself had stopped the robot
+    assert image.timeouts == 2
+
+
 def test_an_old_capture_is_unknown_though_it_is_renewed(image):
     old = PERMITS | {"AGE": 390}
     image.put(Block.of(robot_address(1), packed(ROBOT, old)), 0)

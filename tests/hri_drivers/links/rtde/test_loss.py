@@ -10,6 +10,7 @@ from hri_drivers.links.rtde.robot import OUTPUTS
 from hri_drivers.links.rtde.transport import RtdeTransport
 from hri_predict.base.clock import VirtualClock
 from hri_predict.base.errors import LinkError
+from hri_predict.operation.monitoring.summary import _link_row, _link_trouble
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
 
@@ -55,6 +56,18 @@ def test_a_controller_that_is_not_understood_hears_a_stop_as_the_last_word():
     assert link.last_error == "bytes that are not RTDE"
     _, fraction, _, level = wire.written[-1]
     assert (fraction, level) == (0.0, Level.UNKNOWN)
+
+
+def test_the_counters_show_that_the_link_stopped_the_robot_by_itself():
+    wire = Wire()
+    settings = RtdeLinkSettings(name="arm", host="127.0.0.1", full_speed_m_s=1.0, max_age_s=0.4)
+    link = RtdeLink(settings, VirtualClock(0), wire)
+    for cycle in range(1, 100):
+        if cycle < 10 or 50 <= cycle < 60:
+            link.post(CLEAR)
+        link.service(cycle * CYCLE_NS)
+    assert link.counters.advice_timeouts == 2
+    assert _link_trouble(_link_row(link, True)) == "arm: advice_timeouts 2"
 
 
 def test_nothing_follows_a_packet_that_was_cut():

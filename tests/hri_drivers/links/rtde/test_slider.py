@@ -107,6 +107,29 @@ def test_an_advice_without_a_fresh_capture_is_unknown(age_s):
     assert run.at.level == Level.UNKNOWN
 
 
+def test_each_stop_for_missing_or_old_advice_is_counted_once():
+    run = Run()
+    run.run(4000, CLEAR)
+    assert run.slider.timeouts == 0
+    run.run(200, None)
+    assert run.slider.timeouts == 1
+    run.run(80, CLEAR)
+    run.run(80, replace(CLEAR, age_s=0.41))
+    assert run.slider.timeouts == 2
+    run.run(80, CLEAR)
+    run.run(80, STOP)
+    run.run(80, None)  # the node itself had stopped the robot
+    assert run.slider.timeouts == 2
+
+
+def test_only_old_advice_since_the_connection_is_counted():
+    run = Run()
+    run.run(80, None)  # no Advice yet
+    assert run.slider.timeouts == 0
+    run.run(80, replace(CLEAR, age_s=0.41))
+    assert run.slider.timeouts == 1
+
+
 def test_a_new_connection_begins_at_zero():
     run = Run()
     run.run(4000, CLEAR)
