@@ -21,6 +21,8 @@ from hri_predict.protocol.wire import StateShape
 log = logging.getLogger(__name__)
 
 U = TypeVar("U")
+WITHOUT_DEVICE = "'wait_for_device: true' starts the node without it"
+"""Ends the remedies for a device that may just be switched off."""
 SAY_NS = 10_000_000_000
 """Minimum time between two lines about refused messages of one link."""
 

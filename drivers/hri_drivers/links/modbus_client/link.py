@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
+from hri_drivers.links.configured import WITHOUT_DEVICE
 from hri_drivers.links.polled.link import PolledLink
 from hri_drivers.links.polled.settings import (
     HEARTBEAT,
@@ -144,7 +145,8 @@ class ModbusClientTransport(PolledTransport):
         except (OSError, UnicodeError) as error:  # the latter: no host can have this name
             why = getattr(error, "strerror", "not a host's name") or "no answer"
             raise LinkError(
-                f"cannot connect: {why}; switch the server on, or correct 'host' and 'port'"
+                f"cannot connect: {why}; switch the server on, or correct 'host' and 'port'; "
+                f"{WITHOUT_DEVICE}"
             ) from error
         host, port = self._address
         self._client = ModbusTcpClient(host, port=port, timeout=self._reply_s, retries=0)

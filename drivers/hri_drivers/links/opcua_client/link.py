@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import Field, model_validator
 
+from hri_drivers.links.configured import WITHOUT_DEVICE
 from hri_drivers.links.polled.link import PolledLink
 from hri_drivers.links.polled.settings import NO_MODE, READS_ONLY, PolledLinkSettings, StateAt
 from hri_drivers.links.polled.transport import PolledTransport
@@ -72,7 +73,7 @@ class OpcUaClientTransport(PolledTransport):
                 f"no answer within {CONNECT_S:g} s; check that 'port' is its OPC UA port"
             ) from error
         except Exception as error:  # asyncua raises many kinds
-            raise LinkError(f"cannot connect: {_why(error)}") from error
+            raise LinkError(f"cannot connect: {_why(error)}; {WITHOUT_DEVICE}") from error
         if wrong and (_HOLDS in wrong or "BadNodeId" in wrong):  # another status may pass
             raise LinkError(wrong)
 

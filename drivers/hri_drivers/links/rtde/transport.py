@@ -7,6 +7,7 @@ import socket
 import struct
 import time
 
+from hri_drivers.links.configured import WITHOUT_DEVICE
 from hri_drivers.links.rtde.packets import (
     VERSION,
     Kind,
@@ -87,7 +88,7 @@ class RtdeTransport:
             why = getattr(error, "strerror", "not a host's name") or "no answer"
             raise LinkError(
                 f"{self._named}: cannot connect: {why}; switch the controller on, or correct "
-                "'host' and 'port'"
+                f"'host' and 'port'; {WITHOUT_DEVICE}"
             ) from error
         self._heard_s = time.monotonic()
 
