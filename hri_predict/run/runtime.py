@@ -30,6 +30,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.starting import Starting, ended_by_signals
 from hri_predict.run.ticks import Ticks, ticks_of
+from hri_predict.run.too_slow import TooSlow
 
 log = logging.getLogger(__name__)
 
@@ -85,7 +86,8 @@ def run_real_time(
             start_ns = clock.now_ns()
             with ended_by_signals(stop), _source_named(assembly):
                 assembly.source.open(start_ns)
-            run = _RealTime(assembly, pace, _ticks(assembly, start_ns), stop)
+            slow = _too_slow(assembly, pace)
+            run = _RealTime(assembly, pace, _ticks(assembly, start_ns), stop, slow)
             feeder = threading.Thread(target=run.feed, name="source", daemon=True)
             feeder.start()
             repeater = threading.Thread(target=run.repeat, name="repeats", daemon=True)
@@ -93,6 +95,7 @@ def run_real_time(
             last.enter_context(steady(assembly.config.node.realtime))  # no thread inherits it
             end_ns = None if duration_s is None else start_ns + round(duration_s * 1e9)
             run.loop(end_ns, until_exhausted, each_tick)
+            pace.too_slow = run.slow.of_run()
     finally:
         stop.set()
         if repeater is not None:
@@ -113,6 +116,11 @@ def _ticks(assembly: Assembly, start_ns: int) -> Ticks:
     return ticks_of(assembly.config.node, assembly.source.rate_hz, start_ns)
 
 
+def _too_slow(assembly: Assembly, pace: Pace) -> TooSlow:
+    config, source, prediction = assembly.config, assembly.source, assembly.prediction
+    return TooSlow(config, source.rate_hz, pace, lambda: prediction.counters)
+
+
 @dataclass(frozen=True, slots=True)
 class _RealTime:
     """State shared by the threads of one run."""
@@ -121,6 +129,7 @@ class _RealTime:
     pace: Pace
     ticks: Ticks
     stop: threading.Event
+    slow: TooSlow
     exhausted: threading.Event = field(default_factory=threading.Event)
 
     def loop(
@@ -158,6 +167,7 @@ class _RealTime:
             pace.late_ticks += ended.is_late
             pace.missed_ticks += ended.missed
             node.shedding.note(ended.used - held_share, now_ns)
+            self.slow.note(now_ns)
 
     def repeat(self) -> None:
         """Run the thread that repeats Status and Advice, independently of the loop.

@@ -13,7 +13,8 @@ class Pace:
     ``tick_ms`` holds the durations of the newest ticks in wall-clock milliseconds. ``within``
     counts all ticks, by the smallest of ``TICK_BOUNDS_S`` that they met (the last number: none of
     them), and ``total_s`` is the sum of their durations. ``connected`` maps each link's name to
-    whether its device was open when the run ended.
+    whether its device was open when the run ended. ``too_slow`` is one line if the machine could
+    not keep the rate in this run, otherwise empty.
     """
 
     def __init__(self) -> None:
@@ -23,6 +24,7 @@ class Pace:
         self.total_s = 0.0
         self.source_failures = 0
         self.connected: dict[str, bool] = {}
+        self.too_slow = ""
 
     def note(self, seconds: float) -> None:
         """Record the duration of one tick."""

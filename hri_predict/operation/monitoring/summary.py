@@ -70,12 +70,6 @@ class LevelCounter(Listener):
             self.seconds_at[name] = self.seconds_at.get(name, 0.0) + lasted_s
 
 
-LATE_TICKS, LATE_SHARE = 5, 0.01
-"""If the late and skipped ticks exceed both limits, the summary reports that the machine was too
-slow.
-"""
-
-
 @dataclass(kw_only=True)
 class Summary:
     """The results of a run. ``as_dict`` returns them for JSON."""
@@ -104,6 +98,7 @@ class Summary:
     evidence: dict[str, Any] | None = None
     alerts: list[dict[str, Any]] = field(default_factory=list)
     predictor: str | None = None
+    too_slow: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for ``--json``."""
@@ -124,20 +119,6 @@ class Summary:
             console.print(self._controller_table())
         for hook in self.alerts:
             console.print(_alerts(hook), highlight=False, markup=False, soft_wrap=True)
-
-    @property
-    def too_slow(self) -> str:
-        """Return one line if the machine could not keep the rate; otherwise empty."""
-        missed = self.counted.get("missed_ticks", 0)
-        wanted = self.ticks + missed
-        if self.late_ticks + missed <= max(LATE_TICKS, LATE_SHARE * wanted):
-            return ""
-        return (
-            f"too slow: {self.late_ticks} of {wanted} ticks were late and {missed} left out, which "
-            "also makes input and robot states look late or their clocks wrong; stop other "
-            "programs, lower rate_hz (with ticks: capture, max_rate_hz), or choose a predictor "
-            "that costs less (hri-predict bench predictors)"
-        )
 
     def _run_table(self) -> Table:
         table = Table(title="Summary", title_justify="left", show_header=False)
@@ -259,6 +240,7 @@ def summarise(
         counted=counted,
         node_state=node.state.name.lower(),
         self_check=node.self_check(),
+        too_slow=pace.too_slow,
     )
 
 

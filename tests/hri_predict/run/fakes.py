@@ -1,6 +1,7 @@
 """A source and a node that note what the loop does with them."""
 
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -71,7 +72,7 @@ class Node:
 
 def make(rate_hz=50.0, source=None, links=(), virtual=False) -> Any:
     clock: Any = VirtualClock(1_000 * MS) if virtual else MonotonicClock()
-    prediction = SimpleNamespace(start=lambda: None, stop=lambda: None)
+    prediction = SimpleNamespace(start=lambda: None, stop=lambda: None, counters={})
     return SimpleNamespace(
         clock=clock,
         node=Node(clock),
@@ -81,5 +82,7 @@ def make(rate_hz=50.0, source=None, links=(), virtual=False) -> Any:
         config=SimpleNamespace(
             node=SimpleNamespace(rate_hz=rate_hz, ticks="fixed", realtime=RealtimeSettings()),
             source=SimpleNamespace(kind="own"),
+            predictor=SimpleNamespace(name="average"),
+            path=Path("cell.yaml"),
         ),
     )
