@@ -1,6 +1,6 @@
 """Error counters that increased during an episode, of links and of the node."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,8 @@ _NORMAL = {
     "echoes",
 }  # fmt: skip
 """Counters that increase in a healthy cell."""
+SLOW_SHARE = 0.1
+"""Share of late and skipped ticks above which the node's machine was too slow."""
 DAMAGE = ("crc_errors", "malformed", "incomplete", "counter_errors")
 """Counters of messages on a disturbed wire."""
 
@@ -68,6 +70,18 @@ def moved(window: TimeWindow, utc_ns: int) -> list[Moved]:
         return []
     first = early[-1].data if early else {} if _is_start(window) else around[0].data
     return rise(first, around[-1].data)
+
+
+def slow_ticks(window: TimeWindow, rises: Sequence[Moved], utc_ns: int) -> tuple[int, int] | None:
+    """Return the late and the skipped ticks around a moment if they are more than a tenth of all.
+
+    ``None``: they are fewer, or the recording does not have these counters, as older ones do not.
+    """
+    own = {each.name: each.by for each in rises if each.where == "node" and not each.is_link}
+    late, missed = own.get("late_ticks", 0), own.get("missed_ticks", 0)
+    around = [t for t in window.status if utc_ns - BEFORE_NS <= t.utc_ns <= utc_ns + AFTER_NS]
+    is_slow = late + missed > SLOW_SHARE * (len(around) + missed)
+    return (late, missed) if is_slow else None
 
 
 def _is_start(window: TimeWindow) -> bool:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 from hri_predict.base.skeleton import in_words, seen_text
-from hri_predict.explaining.counters import DAMAGE
+from hri_predict.explaining.counters import DAMAGE, slow_ticks
 from hri_predict.explaining.deciding import (
     distance_of,
     hidden_of,
@@ -33,6 +33,8 @@ _CAUSES = {
     "blind": "because the source was blind, or its scenes too old or frozen",
     "lost": "because a person was lost",
 }
+_WHEN_TOO_SLOW = ("INPUT_STALE", "CLOCK_JUMP", "CLOCK_DRIFT", "ROBOT_STATE_STALE")
+"""Reasons that a machine which is too slow for the node also causes."""
 _OWN_RULES = ("standard", "contact")
 """Rules for which zones play no part."""
 _OBEYS_ADVICES = 12
@@ -45,7 +47,8 @@ def because(about: Situation) -> str:
     if reason not in WAITING and waits(about.advice.data):
         return _released(about)
     told = _TELL.get(reason)
-    return reason_text(reason) if told is None else told(about)
+    why = reason_text(reason) if told is None else told(about)
+    return why + (_too_slow(about) if reason in _WHEN_TOO_SLOW else "")
 
 
 def brief(told: Told, info: RecordingInfo) -> str:
@@ -224,6 +227,15 @@ def _stale(about: Situation) -> str:
         return f"the newest scene was too old: none has arrived for {ago_s:.2f} s"
     age = number(None if about.status is None else about.status.data.get("age_s"))
     return "the newest scene was too old: scenes arrived late" + (f", {age:.2f} s" if age else "")
+
+
+def _too_slow(about: Situation) -> str:
+    """Return that the node's machine was too slow, which alone may have been the cause."""
+    slow = slow_ticks(about.window, about.moved, about.advice.utc_ns)
+    if slow is None:
+        return ""
+    late, missed = slow
+    return f"; the node's machine was too slow: {late} ticks late and {missed} skipped around then"
 
 
 def _clock_jump(about: Situation) -> str:

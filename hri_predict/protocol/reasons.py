@@ -155,7 +155,8 @@ class Reason(IntEnum):
         widens_zones=True)
     PREDICTOR_LATE = Row(41, Kind.PREDICTOR,
         "the predictor was late; physical limits are used instead",
-        "the predictor is on time again",
+        "the predictor answers within half a cycle again (if it often does not, use a cheaper one "
+        "or lower rate_hz)",
         widens_zones=True)
     NODE_FAULT = Row(42, Kind.NODE,
         "the node failed",

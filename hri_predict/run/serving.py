@@ -4,7 +4,6 @@ import logging
 import queue
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -210,7 +209,7 @@ class Serving:
                 shown,
                 info_of(self._config, assembly.source, assembly),
                 clocks=SystemClocks(assembly.clock),
-                counters=partial(counters_of, assembly.node, assembly.links),
+                counters=self.recorded(assembly),
             )
             found.append(self._foxglove)
         robots = [robot.name for robot in assembly.robots]
@@ -236,6 +235,20 @@ class Serving:
         if self._notifier is not None:
             found.append(Watched(self._notifier, robots))
         return found
+
+    def recorded(self, assembly: Assembly) -> Callable[[], Mapping[str, Any]]:
+        """Return the function that gives the counters for recordings."""
+
+        def counters() -> Mapping[str, Any]:
+            late = assembly.prediction.counters.get("predictor_late", 0)
+            loop = {
+                "late_ticks": self.pace.late_ticks,
+                "missed_ticks": self.pace.missed_ticks,
+                "predictor_late": late,
+            }
+            return counters_of(assembly.node, assembly.links, loop)
+
+        return counters
 
     def close(self) -> None:
         """Stop all started parts; safe to call twice."""

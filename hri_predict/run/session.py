@@ -5,7 +5,6 @@ import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,6 @@ from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.recording.mcap.clocks import Clocks
 from hri_predict.recording.mcap.items import Items
 from hri_predict.recording.mcap.places import RecordingFiles
-from hri_predict.recording.mcap.to_dict import counters_of
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.run.foreseeing import foreseeing
@@ -196,7 +194,7 @@ class _Session:
                 info,
                 threaded=not virtual,
                 rates=settings.rates,
-                counters=partial(counters_of, assembly.node, assembly.links),
+                counters=self.serving.recorded(assembly),
                 clocks=clocks,
             )
             listeners.append(self.recorder)

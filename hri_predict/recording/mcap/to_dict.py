@@ -77,8 +77,13 @@ def _milder(grounds: Grounds) -> dict[str, Any]:
     }
 
 
-def counters_of(node: Node, links: Sequence[Link]) -> Mapping[str, Any]:
-    """Return the counters since the start; of links only those above 0. Loop's thread only."""
+def counters_of(
+    node: Node, links: Sequence[Link], loop: Mapping[str, int] | None = None
+) -> Mapping[str, Any]:
+    """Return the counters since the start; of links only those above 0. Loop's thread only.
+
+    ``loop``: counters of the loop that calls the node, such as late ticks.
+    """
     own = {
         "scenes_in": node.scenes_in,
         "frames_in": node.frames_in,
@@ -88,6 +93,7 @@ def counters_of(node: Node, links: Sequence[Link]) -> Mapping[str, Any]:
         "acknowledges": node.acknowledges,
         "acknowledges_refused": node.acknowledges_refused,
         **node.robot_counters,
+        **(loop or {}),
     }
     return {"node": own, "links": {link.name: _link(link) for link in links}}
 
