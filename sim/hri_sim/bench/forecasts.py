@@ -4,7 +4,7 @@ The section also measures forecasts in a hot loop, the start-up time, and memory
 """
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from multiprocessing.connection import Connection
 from typing import Annotated, Any
 
@@ -19,6 +19,9 @@ from hri_predict.cli.common import JsonOption, one_of, predictor_settings, progr
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import Predictor
 from hri_predict.predictors.ensemble import AverageSettings
+from hri_predict.run.assemble import LATE_FRACTION
+from hri_predict.run.rates import MAX_TICKS_HZ
+from hri_predict.run.too_slow import LEAST_HZ
 from hri_sim.bench.rows import Row, Scope, measured, spread
 from hri_sim.bench.table import Columns, demand, report
 from hri_sim.fault_table.soak import resident_mib
@@ -26,6 +29,8 @@ from hri_sim.wires.child import child
 
 _RATE_HZ = 25.0
 _HORIZON_S = 1.0
+_OTHERS = ("average", "constant_velocity")
+"""The default predictor and the cheapest that moves people; neither has weights of its own."""
 _ENGINES = ("torch", "onnxruntime")
 _LEAST = 5  # forecasts in a hot loop
 _FLOOR = (
@@ -40,6 +45,7 @@ _COLUMNS: Columns = {
     "p99": "{p99_ms:.1f}",
     "max": "{max_ms:.1f}",
     "floor": lambda row: "" if row["floor_ms"] is None else f"{row['floor_ms']:.1f}",
+    "fits rate_hz": lambda row: f"to {row['fits_hz']}" if row["fits_hz"] else "none",
     "from torch, mm": "{differs_mm:.1g}",
 }
 
@@ -47,7 +53,9 @@ _COLUMNS: Columns = {
 def predictors(
     predictor: Annotated[
         list[str] | None,
-        typer.Option(help="Predictor; default: all with shipped weights. Repeatable."),
+        typer.Option(
+            help=f"Predictor; default: all with shipped weights, {', '.join(_OTHERS)}. Repeatable."
+        ),
     ] = None,
     people: Annotated[
         list[int] | None,
@@ -60,6 +68,9 @@ def predictors(
 ) -> None:
     """Measure each predictor's forecasts, 25 a second as the node makes them, by engine.
 
+    A forecast may take half a cycle of the node. "fits rate_hz" is the highest rate at which 99 %
+    of them are in time; run it on the node's machine, with everything else that runs there.
+
     The engines take turns, so that other programs disturb them equally: compare ratios, never times
     from two runs. The floor is the time of the network's matrix products alone, at the rate that
     one core reaches in a large product: no program is faster, and a good one takes two or three
@@ -71,7 +82,7 @@ def predictors(
     known = registry.names("predictors")
     for name in predictor or []:
         one_of("--predictor", name, known)
-    names = predictor or with_weights()
+    names = predictor or [*with_weights(), *_OTHERS]
     sizes = people or [1, 4, 16]
     rows: list[dict[str, Any]] = []
     with progress() as bar:
@@ -80,6 +91,29 @@ def predictors(
             rows += some
             bar.advance(task)
     report(rows, as_json, "A forecast, 25 a second, milliseconds", _COLUMNS, texts=("engine",))
+    if not as_json:
+        print("\n".join(_verdicts(rows)))
+
+
+def fits_hz(p99_ms: float) -> int:
+    """Return the highest rate of a node that waits for such forecasts; 0: none that is allowed."""
+    most = int(min(LATE_FRACTION * 1e3 / p99_ms, MAX_TICKS_HZ))
+    return most if most >= LEAST_HZ else 0
+
+
+def _verdicts(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield a line for each number of people: what fits at the default rate."""
+    limit_ms = LATE_FRACTION * 1e3 / _RATE_HZ
+    for people in dict.fromkeys(row["people"] for row in rows):
+        fit = [
+            _named(row["predictor"], row["engine"])
+            for row in rows
+            if row["people"] == people and row["p99_ms"] <= limit_ms
+        ]
+        yield (
+            f"{_people(people)}: within {limit_ms:g} ms (p99), half a cycle at rate_hz "
+            f"{_RATE_HZ:g}: {', '.join(fit) or 'none'}"
+        )
 
 
 def with_weights() -> list[str]:
@@ -93,8 +127,8 @@ def measure(
     """Yield rows, one for each engine, of each predictor and number of people.
 
     A row holds ``predictor``, ``engine``, ``people``, ``p50_ms``, ``p99_ms``, ``max_ms``,
-    ``forecasts`` (number measured), ``differs_mm`` (difference from torch) and ``floor_ms``
-    (``None``: no network).
+    ``forecasts`` (number measured), ``differs_mm`` (difference from torch), ``floor_ms``
+    (``None``: no network) and ``fits_hz``, see there.
 
     Args:
         names: predictors, which must have shipped weights or need none.
@@ -120,6 +154,7 @@ def measure(
                     "forecasts": len(times),
                     "differs_mm": float(1e3 * np.abs(each.predict(*seen).positions - wanted).max()),
                     "floor_ms": _floor_ms(name, engines[0], count, rate),
+                    "fits_hz": fits_hz(float(np.percentile(times, 99))),
                 }
                 for (engine, each), times in zip(built.items(), taken, strict=True)
             ]
