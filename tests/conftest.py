@@ -83,7 +83,7 @@ def no_matplotlib(monkeypatch: pytest.MonkeyPatch) -> str:
     """Hide matplotlib, as on an installation without extras; the line that says so."""
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     monkeypatch.delitem(sys.modules, "hri_predict.base.figures", raising=False)
-    return "plots need matplotlib; install it with pip install 'hri-predict[plots]'"
+    return "plots need matplotlib; install it with: pip install 'hri-predict[plots]'"
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ try:
     from PIL import Image  # matplotlib writes its PNG by Pillow, so it is there
 except ImportError as error:  # an extra of its own
     raise ConfigError(
-        "plots need matplotlib; install it with pip install 'hri-predict[plots]'"
+        "plots need matplotlib; install it with: pip install 'hri-predict[plots]'"
     ) from error
 
 README_INCHES = 9.0

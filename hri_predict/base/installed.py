@@ -12,6 +12,7 @@ import re
 import shlex
 import sys
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
@@ -53,15 +54,16 @@ def name_of(package: metadata.Distribution) -> str:
 def for_this_installation(message: str) -> str:
     """Return ``message`` with commands that work here in place of ``pip install 'hri-predict[x]'``.
 
-    In a clone (an editable installation) the extra comes from the clone's folder; pip would look
-    for the name alone in a package index.
+    In a clone (an editable installation) the extra comes from the clone's folder, with the versions
+    in its ``constraints.txt``; pip would look for the name alone in a package index.
     """
     if _COMMAND.search(message) is None or (folder := _clone()) is None:
         return message
     python = shlex.quote(sys.executable)
 
     def here(found: re.Match[str]) -> str:
-        return f"{python} -m pip install -e {shlex.quote(folder + found[1])}"
+        constraints = shlex.quote(str(Path(folder, "constraints.txt")))
+        return f"{python} -m pip install -c {constraints} -e {shlex.quote(folder + found[1])}"
 
     return _COMMAND.sub(here, message)
 

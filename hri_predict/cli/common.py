@@ -27,6 +27,7 @@ from rich.table import Table as ScreenTable
 
 from hri_predict.base.errors import ConfigError, RecordingError, nearest
 from hri_predict.base.files import YAML_ENDINGS
+from hri_predict.base.installed import for_this_installation
 from hri_predict.base.settings import validated
 from hri_predict.contracts import registry
 from hri_predict.contracts.joint_map import JointMap, load_joint_map
@@ -179,7 +180,7 @@ def need_extra(package: str, extra: str) -> None:
     if importlib.util.find_spec(package) is None:
         raise ConfigError(
             f"this needs a package that is not installed: {package}; "
-            f"pip install 'hri-predict[{extra}]'"
+            f"install it with: pip install 'hri-predict[{extra}]'"
         )
 
 
@@ -359,7 +360,7 @@ def tell(files: Sequence[Path]) -> None:
 
 def warn(line: str) -> None:
     """Print a note for the user on standard error, and continue."""
-    print(f"warning: {line}", file=sys.stderr)
+    print(f"warning: {for_this_installation(line)}", file=sys.stderr)
 
 
 def command() -> str:

@@ -241,4 +241,6 @@ def _remedy(point: metadata.EntryPoint) -> str:
     """Return the extras to install, named in the entry point after its object: ``[fleet]``."""
     if not point.extras or point.dist is None:
         return "install it with pip"
-    return f"pip install '{installed.name_of(point.dist)}[{','.join(point.extras)}]'"
+    return (
+        f"install it with: pip install '{installed.name_of(point.dist)}[{','.join(point.extras)}]'"
+    )

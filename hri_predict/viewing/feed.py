@@ -41,7 +41,9 @@ def has_viser() -> bool:
 def check_viser() -> None:
     """Raise a ``ConfigError`` unless the 3D view's library is installed."""
     if not has_viser():
-        raise ConfigError("the 3D view needs viser: pip install 'hri-predict[viewer]'")
+        raise ConfigError(
+            "the 3D view needs viser; install it with: pip install 'hri-predict[viewer]'"
+        )
 
 
 class Feed(View):

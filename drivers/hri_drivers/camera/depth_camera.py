@@ -136,7 +136,7 @@ class DepthCamera(ABC):
         except ImportError as error:
             raise ConfigError(
                 f"{self.name}: needs a package that cannot be loaded ({error}); "
-                f"pip install {self.module}"
+                f"install it with: pip install {self.module}"
             ) from None
 
 

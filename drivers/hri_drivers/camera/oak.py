@@ -33,7 +33,8 @@ class Oak(DepthCamera):
         package = super()._imported()
         if not hasattr(package.node, "RGBD"):
             raise ConfigError(
-                "OAK: the installed depthai is older than 3.0; pip install --upgrade 'depthai>=3'"
+                "OAK: the installed depthai is older than 3.0; upgrade it with: pip install "
+                "--upgrade 'depthai>=3'"
             )
         return package
 

@@ -75,8 +75,8 @@ def need_cv2() -> None:
         importlib.import_module("cv2")
     except ImportError as error:
         raise ConfigError(
-            f"OpenCV cannot be loaded: {error}; pip install --force-reinstall "
-            f"opencv-python-headless"
+            f"OpenCV cannot be loaded: {error}; reinstall it with: pip install "
+            f"--force-reinstall opencv-python-headless"
         ) from error
 
 

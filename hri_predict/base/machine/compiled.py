@@ -143,7 +143,7 @@ def why_not_compiled() -> str:
     if os.environ.get(_SWITCH, "1") == "0":
         return f"{_SWITCH} is 0"
     if importlib.util.find_spec("numba") is None:
-        return "numba is not installed; pip install 'hri-predict[accel]'"
+        return "numba is not installed; install it with: pip install 'hri-predict[accel]'"
     return ""
 
 

@@ -52,7 +52,7 @@ class Cluster(Workers):
             import distributed
         except ImportError as error:
             raise ConfigError(
-                "--cluster: needs Dask; install it with pip install 'hri-predict[cluster]'"
+                "--cluster: needs Dask; install it with: pip install 'hri-predict[cluster]'"
             ) from error
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors come as exceptions
         self._address = address

@@ -91,7 +91,9 @@ def renew_plcopen(
 
 def _check_cantools(command: str) -> None:
     if find_spec("cantools") is None:
-        raise ConfigError(f"protocol {command} needs cantools; pip install 'hri-predict[dbc]'")
+        raise ConfigError(
+            f"protocol {command} needs cantools; install it with: pip install 'hri-predict[dbc]'"
+        )
 
 
 def _write_all(texts: Mapping[Path, str]) -> None:

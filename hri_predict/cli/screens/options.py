@@ -8,6 +8,7 @@ from urllib.parse import urlsplit
 import typer
 
 from hri_predict.base.errors import ConfigError
+from hri_predict.base.installed import for_this_installation
 from hri_predict.cli.common import without_effect
 from hri_predict.viewing import feed
 from hri_predict.viewing.feed import Feed
@@ -103,4 +104,5 @@ def how_to_see() -> str:
     text = "in 3D without a time limit, or with yourself in front of a camera: hri-predict try"
     if feed.has_viser():
         return text
-    return f"{text}; it needs: pip install 'hri-predict[viewer,camera]'"
+    needs = "; it needs packages; install them with: pip install 'hri-predict[viewer,camera]'"
+    return for_this_installation(text + needs)

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import load_yaml, read_text
+from hri_predict.base.installed import for_this_installation
 from hri_predict.base.settings import Settings, validated
 from hri_predict.lab.training.checkpoint import check_folder, load_checkpoint
 from hri_predict.lab.training.config import TrainingConfig
@@ -312,7 +313,8 @@ def _log(config: TrainingConfig, step: int) -> Any:
     try:
         from torch.utils.tensorboard import SummaryWriter  # optional: extra `train`
     except ImportError:
-        print("no TensorBoard log; to get one: pip install 'hri-predict[train]'", file=sys.stderr)
+        line = "no TensorBoard log; to get one: pip install 'hri-predict[train]'"
+        print(for_this_installation(line), file=sys.stderr)
         return None
     # values logged after the checkpoint are logged again
     purge = step // config.train.steps_per_epoch + 1 if step else None

@@ -327,6 +327,6 @@ def _paho() -> Any:
     except ImportError as error:
         raise ConfigError(
             "kind mqtt needs a package that is not installed: paho-mqtt; "
-            "pip install 'hri-predict[mqtt]'"
+            "install it with: pip install 'hri-predict[mqtt]'"
         ) from error
     return client

@@ -55,7 +55,7 @@ def foxglove_sdk() -> Any:
     except ImportError as error:
         raise ConfigError(
             "foxglove needs a package that is not installed: foxglove-sdk; "
-            "pip install 'hri-predict[foxglove]'"
+            "install it with: pip install 'hri-predict[foxglove]'"
         ) from error
     # Its threads must not log: each failed handshake would be a line, so that strangers could fill
     # the log, and a thread that ends while it holds the lock of a handler would hold up the exit.

@@ -36,7 +36,8 @@ def typestore(release: Release) -> Any:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError:
         raise ConfigError(
-            "this needs a package that is not installed: rosbags; pip install 'hri-predict[bags]'"
+            "this needs a package that is not installed: rosbags; install it with: "
+            "pip install 'hri-predict[bags]'"
         ) from None
     chosen = {
         "ros1": Stores.ROS1_NOETIC,

@@ -66,7 +66,9 @@ def read_model(chain: UrdfChain, base: str, tip: str) -> UrdfModel:
     try:
         import pinocchio
     except ImportError as error:
-        raise RobotError("reading it needs Pinocchio: pip install 'hri-predict[robot]'") from error
+        raise RobotError(
+            "reading it needs Pinocchio; install it with: pip install 'hri-predict[robot]'"
+        ) from error
     with _kept_quiet() as printed:
         try:
             model = pinocchio.buildModelFromXML(chain.text)

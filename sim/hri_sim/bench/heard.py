@@ -256,7 +256,7 @@ def onlookers() -> Iterator[Onlookers]:
 def _check() -> None:
     for module, extra in (("viser", "viewer"), ("paho", "mqtt"), ("websockets", "viewer")):
         if importlib.util.find_spec(module) is None:
-            raise LinkError(f"needs {module}: pip install 'hri-predict[{extra}]'")
+            raise LinkError(f"needs {module}; install it with: pip install 'hri-predict[{extra}]'")
 
 
 @contextlib.contextmanager

@@ -16,6 +16,7 @@ from typing import Annotated, cast
 
 import typer
 
+from hri_predict.base.installed import for_this_installation
 from hri_sim.robot_server.robot import Fault, Robot
 from hri_sim.rtde.listening import MOST_PORT, why_not
 
@@ -54,7 +55,9 @@ def main(
     try:
         module = importlib.import_module(f"hri_sim.robot_server.{protocol}")
     except ImportError as error:
-        _fail(f"{error.name} is not installed; pip install 'hri-predict[{protocol}]'")
+        _fail(
+            f"{error.name} is not installed; install it with: pip install 'hri-predict[{protocol}]'"
+        )
     robot = Robot(cast(Fault, fault), after_s)
     signal.signal(signal.SIGUSR1, lambda *_: robot.toggle())
     address = (host, PORTS[protocol] if port is None else port)
@@ -69,7 +72,7 @@ def main(
 
 
 def _fail(why: str) -> None:
-    print(f"hri_sim.robot_server: {why}", file=sys.stderr)
+    print(f"hri_sim.robot_server: {for_this_installation(why)}", file=sys.stderr)
     raise typer.Exit(2)
 
 

@@ -84,7 +84,8 @@ def test_damaged_metadata_does_not_hide_what_a_package_registers(environment, tm
     [
         (
             {"url": "file:///srv/my%20clone", "dir_info": {"editable": True}},
-            f"{sys.executable} -m pip install -e '/srv/my clone[udp,viewer]'",
+            f"{sys.executable} -m pip install -c '/srv/my clone/constraints.txt' "
+            "-e '/srv/my clone[udp,viewer]'",
         ),
         ({"url": "file:///srv/clone", "dir_info": {}}, "pip install 'hri-predict[udp,viewer]'"),
         (None, "pip install 'hri-predict[udp,viewer]'"),

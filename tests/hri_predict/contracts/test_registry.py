@@ -98,7 +98,7 @@ def test_a_library_of_an_extra_is_told_with_its_extra(monkeypatch, name, library
     with pytest.raises(ConfigError) as caught:
         registry.load("sources", name)
     assert library in str(caught.value)
-    assert str(caught.value).endswith(f"; pip install 'hri-predict[{extra}]'")
+    assert str(caught.value).endswith(f"; install it with: pip install 'hri-predict[{extra}]'")
 
 
 def code_of(*names):

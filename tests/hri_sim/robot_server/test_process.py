@@ -5,7 +5,9 @@ import subprocess
 import sys
 
 import pytest
+import typer
 
+from hri_sim.robot_server import __main__ as program
 from hri_sim.robot_server.process import ServerProcess
 from hri_sim.rtde.listening import why_not
 
@@ -45,6 +47,16 @@ def test_a_port_that_is_none_or_taken_names_the_port(server):
         line = said(*server, "--port", str(taken.getsockname()[1]))
     assert line.endswith("in use by another program; stop it, or choose another --port")
     assert "less than or equal to 65535" in said(*server, "--port", "99999")
+
+
+def test_a_missing_package_is_named_with_the_command_for_this_installation(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "hri_sim.robot_server.modbus", None)
+    monkeypatch.setattr(program, "for_this_installation", lambda text: f"here: {text}")
+    with pytest.raises(typer.Exit):
+        program.main(program.Protocol.MODBUS)
+    line = capsys.readouterr().err.strip()
+    assert line.startswith("hri_sim.robot_server: here: ")
+    assert line.endswith("; install it with: pip install 'hri-predict[modbus]'")
 
 
 @pytest.mark.long  # its server takes seconds to start

@@ -271,7 +271,7 @@ class OpcUaLink(PlantLink[OpcUaLinkSettings]):
         if find_spec("asyncua") is None:
             raise LinkError(
                 f"link '{settings.name}' needs a package that is not installed: asyncua; "
-                "pip install 'hri-predict[opcua]'"
+                "install it with: pip install 'hri-predict[opcua]'"
             )
 
     @staticmethod

@@ -332,7 +332,9 @@ def test_an_address_of_another_machine_is_one_line():
 
 def test_a_missing_package_is_one_line(monkeypatch):
     monkeypatch.setattr("hri_drivers.links.opcua.link.find_spec", lambda name: None)
-    with pytest.raises(LinkError, match=r"asyncua; pip install 'hri-predict\[opcua\]'"):
+    with pytest.raises(
+        LinkError, match=r"asyncua; install it with: pip install 'hri-predict\[opcua\]'"
+    ):
         OpcUaLink(OpcUaLinkSettings(name="plant"), MonotonicClock())
 
 

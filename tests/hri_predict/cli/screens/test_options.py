@@ -12,10 +12,15 @@ from hri_predict.viewing.feed import Feed
 
 @pytest.mark.parametrize(
     ("installed", "says"),
-    [(True, "hri-predict try"), (False, "pip install 'hri-predict[viewer,camera]'")],
+    [(True, "hri-predict try"), (False, "pip install -e '/srv/clone[viewer,camera]'")],
 )
 def test_the_demos_last_line_says_how_to_go_on(monkeypatch, installed, says):
     monkeypatch.setattr(options.feed, "has_viser", lambda: installed)
+    monkeypatch.setattr(
+        options,
+        "for_this_installation",
+        lambda text: text.replace("'hri-predict", "-e '/srv/clone"),
+    )
     assert says in options.how_to_see()
     assert "\n" not in options.how_to_see()
 

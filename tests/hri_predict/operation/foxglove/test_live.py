@@ -253,7 +253,9 @@ def test_a_running_node_shows_itself(tmp_path):
 def test_without_the_extra_check_names_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "foxglove", None)
     config = configuration.load(written(tmp_path, cell(foxglove={})))
-    with pytest.raises(ConfigError, match=r"foxglove-sdk; pip install 'hri-predict\[foxglove\]'"):
+    with pytest.raises(
+        ConfigError, match=r"foxglove-sdk; install it with: pip install 'hri-predict\[foxglove\]'"
+    ):
         examine(config)
 
 
