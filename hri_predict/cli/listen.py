@@ -13,6 +13,7 @@ import typer
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.set_key import set_key
 from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.contracts import registry
 from hri_predict.contracts.link import AnyLinkClass, LinkSettings
 from hri_predict.protocol.can import DEFAULT_BASE_ID
@@ -216,8 +217,15 @@ class Printer:
             print(f"{line}\n", end="", flush=True)  # at once: Ctrl-C comes between two writes
             return
         at = "          " if seconds is None else f"{seconds:8.3f} s"
-        text = "  ".join(f"{k}={_short(v)}" for k, v in fields.items() if v is not None)
+        named = {**fields, "body_part": _segment(fields.get("body_part"))}
+        text = "  ".join(f"{k}={_short(v)}" for k, v in named.items() if v is not None)
         print(f"{at}  {what:8} {text}\n", end="", flush=True)
+
+
+def _segment(index: int | None) -> str | int | None:
+    """Return a body segment's index with its name, as PROTOCOL.md lists it: ``10 (l_foot)``."""
+    names = CANONICAL.segment_names
+    return f"{index} ({names[index]})" if index is not None and index < len(names) else index
 
 
 def _short(value: Any) -> str:

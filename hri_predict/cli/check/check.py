@@ -219,7 +219,7 @@ def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any
             name: budget.reaction_s(budget.stale_s, name) + t for name, (t, _) in stops.items()
         },
         "horizon_s": predictor.horizon_steps / predictor.rate_hz,
-        "engine": zones.engine_facts(predictor),
+        "engine": zones.engine_facts(predictor, config.predictor),
         "loops": zones.loops_line(),
         "risk": risk,
         "contact": robots.contact_facts(*contact),

@@ -166,8 +166,8 @@ def lost_notes(
         ends += ["an exit"] if people.exits else []
         ends += ["the same id"] if source.keeps_ids else []
         return [
-            f"who vanishes for longer than {found} stays lost until {_listed(ends)} ends it; "
-            f"see {PAGE}"
+            f"a person who vanishes for longer than {found} stays lost until {_listed(ends)} ends "
+            f"it; see {PAGE}"
         ]
     notes = []
     if not source.viewpoints:

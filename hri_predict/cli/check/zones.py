@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from hri_predict.base.errors import ConfigError
+from hri_predict.base.installed import for_this_installation
 from hri_predict.base.machine.compiled import why_not_compiled
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.cli.check.remedies import remedy
-from hri_predict.contracts.predictor import Predictor
+from hri_predict.contracts.predictor import Predictor, PredictorSettings
 from hri_predict.lab.calibration.levels import levels_text
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
@@ -172,20 +173,24 @@ def distance_lines(facts: dict[str, Any]) -> list[str]:
 # -- check: what computes the networks and the risk stage, and how far it is from torch ------------
 
 
-def engine_facts(predictor: Predictor) -> list[dict[str, Any]]:
+def engine_facts(predictor: Predictor, settings: PredictorSettings) -> list[dict[str, Any]]:
     """Engine of each of a predictor's networks, and deviation from torch; none for a baseline."""
+    members, names = getattr(predictor, "members", [predictor]), settings.runs()
+    if len(names) != len(members):
+        names = (settings.name,) * len(members)
     found = []
-    for member in getattr(predictor, "members", [predictor]):
+    for network, member in zip(names, members, strict=True):
         engine = getattr(member, "engine", None)
         if hasattr(engine, "differs_m"):  # the user's own may mean another thing by it
-            found.append({key: getattr(engine, key) for key in ("name", "differs_m", "why")})
+            keys = ("name", "differs_m", "why")
+            found.append({"network": network, **{key: getattr(engine, key) for key in keys}})
     return found
 
 
 def engine_lines(facts: list[dict[str, Any]]) -> list[str]:
     """Return a line for each network."""
     return [
-        f"network: computed by {engine['name']}"
+        f"network {engine['network']}: computed by {engine['name']}"
         + (
             (f", because {engine['why']}" if engine["why"] else "")
             if engine["name"] == "torch"
@@ -200,4 +205,5 @@ def loops_line() -> str:
     why = why_not_compiled()
     if not why:
         return "risk stage: compiled loops"
-    return f"risk stage: arrays, which take about three times as long, because {why}"
+    because = for_this_installation(why)
+    return f"risk stage: arrays, which take about three times as long, because {because}"

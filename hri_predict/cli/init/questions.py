@@ -206,8 +206,9 @@ def ask_predictor(asker: Asker, predictor: str | None, changes: list[str]) -> st
         return PREDICTOR  # replaced later
     if asker.asks and predictor is None:
         say(
-            f"Predictors: {', '.join(registry.names('predictors'))}. average has the smallest "
-            "error; constant_velocity needs no network (docs/guides/choose-a-predictor.md)."
+            f"Predictors: {', '.join(registry.names('predictors'))}. average had the smallest "
+            "error on validation recordings; constant_velocity needs no network "
+            "(docs/guides/choose-a-predictor.md)."
         )
     return asker.take(
         "--predictor", predictor, question="Predictor", default=PREDICTOR, check=check
@@ -226,7 +227,11 @@ def ask_links(asker: Asker, links: list[str], changes: list[str]) -> list[dict[s
     if NONE in links and len(links) > 1:
         raise ConfigError(f"--link {NONE}: has no effect with other links; leave it out")
     if asker.asks and not links:
-        say("Links: can:INTERFACE:CHANNEL (can:socketcan:can0), serial:PORT, or a kind.")
+        kinds = [kind for kind in registry.names("links") if kind not in ("can", "serial")]
+        say(
+            "Links: can:INTERFACE:CHANNEL (can:socketcan:can0), serial:PORT, or a kind: "
+            f"{', '.join(kinds)}."
+        )
     flags = iter(links)
     while True:
         given = next(flags, NONE if links else None)

@@ -1,4 +1,4 @@
-"""Measure the node. Compare times only within one run, not between machines."""
+"""Measure the node. Compare only runs on one quiet machine, one after the other (--baseline)."""
 
 import json
 import os

@@ -1,6 +1,7 @@
 """What ``listen`` shows of messages, by whether their schema is ours."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -40,6 +41,18 @@ def test_fields_are_shown_once_the_schema_is_ours(listened):
     assert (advice["level"], advice["speed_limit_m_s"]) == ("clear", 1.0)
     assert (status["node_state"], status["people"]) == ("running", 1)
     assert "why" not in advice
+
+
+def test_the_text_names_the_deciding_body_part(capsys):
+    printer = Printer(alerts=False, as_json=False)
+    for part in (10, 200):  # 200: of another skeleton
+        printer.show(OURS, 0.0)
+        printer.show(replace(CLEAR, body_part=part), 0.0)
+    printer.show(CLEAR, 0.0)
+    out = capsys.readouterr().out
+    assert "body_part=10 (l_foot)" in out
+    assert "body_part=200  " in out
+    assert out.count("body_part") == 2
 
 
 def test_before_a_schema_everything_is_unknown(listened):

@@ -27,6 +27,7 @@ def about(word, **source):
 def test_it_says_what_ends_being_lost(keeps_ids, end):
     (note,) = about("stays lost", keeps_ids=keeps_ids)
     assert end in note
+    assert note.startswith("a person who vanishes for longer than")
 
 
 def test_free_space_without_viewpoints_is_worth_little():

@@ -282,6 +282,8 @@ def test_in_a_terminal_it_asks_again_until_an_answer_is_right(tmp_path):
         ("source.sees_room: ", "perhaps"),
         ("got 'perhaps'", None),
         ("source.sees_room: ", "true"),
+        ("or a kind: ", None),
+        ("modbus_client", None),
         ("Link 1 ('none' ends) [none]: ", "can:socketcan:can0"),
         ("by itself, s [0.06]: ", "0.001"),
         ("got 0.001", None),
