@@ -19,7 +19,7 @@ from hri_predict.viewing.levels import (
 )
 
 _LEGEND = (
-    (PERSON, "solid", "person as captured"),
+    (PERSON, "solid", "person as captured; parts that no sensor sees are inferred"),
     (FORECAST, "faint", "predicted position of the person, up to zones ahead"),
     (COLOURS["SLOW"], "faint", "zone: where the person may be at zones ahead; in the worst level"),
     (COLOURS["SLOW"], "line", "robot, and the line to the deciding body part: in its level"),

@@ -1,5 +1,5 @@
 from hri_predict.viewing.levels import COLOURS, GREY, css, worst
-from hri_predict.viewing.scene3d.panel import details, head, strip
+from hri_predict.viewing.scene3d.panel import details, head, legend, strip
 
 ROBOT = {"name": "<arm>", "level": "CLEAR", "reason": "nothing & nobody", "clears": ""} | {
     "detail": "",
@@ -38,6 +38,10 @@ def test_the_detail_repeats_neither_the_reason_nor_its_note():
 
 def test_lost_people_are_named():
     assert "1, lost: 7" in details(FACTS)
+
+
+def test_the_legend_says_that_parts_of_a_body_may_be_inferred():
+    assert "person as captured; parts that no sensor sees are inferred" in legend()
 
 
 def test_a_picture_that_is_not_of_now_is_grey():
