@@ -8,13 +8,15 @@
         # sender.send([])                   # the sensor sees the whole room, which is empty
         # sender.send([], sees_room=False)  # the sensor does not know who is there
 
-Joint names, order, units and axes are those of the node's ``source.joint_map``. A joint that the
-sensor does not see is ``None`` or NaN. Send every capture, at a steady rate, even if no one is in
-view: after a few missing periods the node's state is *unknown*, and the robot stops. The node
-believes an empty scene: if a body may be hidden, send ``sees_room=False``.
+Joint names, order, units and axes are those of the node's ``source.joint_map``: with ``canonical``
+z points up, with ``coco17`` the axes are a camera's (x right, y down, z away from the camera). A
+joint that the sensor does not see is ``None`` or NaN. Send every capture, at a steady rate, even if
+no one is in view: after a few missing periods the node's state is *unknown*, and the robot stops.
+The node believes an empty scene: if a body may be hidden, send ``sees_room=False``.
 
 Run this file as a program to send a swaying person, for a first test: ``python hri_sender.py
---help``. SCENE_STREAM.md specifies the format.
+--help``. Its joints are those of ``canonical``; docs/guides/live-sources.md shows a program that
+sends those of ``coco17``. SCENE_STREAM.md specifies the format.
 """
 
 import argparse
