@@ -17,7 +17,7 @@ _NORMAL = {
 }  # fmt: skip
 """Counters that increase in a healthy cell."""
 SLOW_SHARE = 0.1
-"""Share of late and skipped ticks above which the node's machine was too slow."""
+"""Share of late and missed ticks above which the node's machine was too slow."""
 DAMAGE = ("crc_errors", "malformed", "incomplete", "counter_errors")
 """Counters of messages on a disturbed wire."""
 
@@ -73,7 +73,7 @@ def moved(window: TimeWindow, utc_ns: int) -> list[Moved]:
 
 
 def slow_ticks(window: TimeWindow, rises: Sequence[Moved], utc_ns: int) -> tuple[int, int] | None:
-    """Return the late and the skipped ticks around a moment if they are more than a tenth of all.
+    """Return the late and the missed ticks around a moment if they are more than a tenth of all.
 
     ``None``: they are fewer, or the recording does not have these counters, as older ones do not.
     """

@@ -235,7 +235,7 @@ def _too_slow(about: Situation) -> str:
     if slow is None:
         return ""
     late, missed = slow
-    return f"; the node's machine was too slow: {late} ticks late and {missed} skipped around then"
+    return f"; the node's machine was too slow: {late} ticks late and {missed} missed around then"
 
 
 def _clock_jump(about: Situation) -> str:

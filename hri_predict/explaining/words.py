@@ -193,7 +193,7 @@ def _history(found: Mapping[str, Any] | None) -> Iterator[str]:
     if len(phases) > SHOWN_PHASES:
         yield f"... and {len(phases) - SHOWN_PHASES} more changes (--json has them)"
     if found["to"] is None:
-        yield "not released as far as this recording goes"
+        yield "not released before the recording ends"
     else:
         waited = f"; it waited until {found['waited_for']}" if found["waited_for"] else ""
         yield f"released at {found['to']} to {found['after']}{waited}"

@@ -21,11 +21,11 @@ from hri_predict.run.config import Config
 log = logging.getLogger(__name__)
 
 WINDOW_NS, WINDOW_SHARE = 5_000_000_000, 0.1
-"""A warning is logged if more than this share of the ticks of such a time were late or skipped,"""
+"""A warning is logged if more than this share of the ticks of such a time were late or missed,"""
 AGAIN_NS = 60_000_000_000
 """and at most once in this time."""
 LATE_TICKS, LATE_SHARE = 5, 0.01
-"""If the late and skipped ticks of a run exceed both limits, its summary has the line."""
+"""If the late and missed ticks of a run exceed both limits, its summary has the line."""
 LEAST_HZ = 10
 """Minimum of ``rate_hz`` and ``max_rate_hz``."""
 _CHEAPEST = "constant_velocity"
@@ -34,7 +34,7 @@ _BASELINES = (_CHEAPEST, "zero_velocity", "kalman")
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Numbers of ticks: begun, of these late, skipped; and of late forecasts."""
+    """Numbers of ticks: begun, of these late, missed; and of late forecasts."""
 
     ticks: int = 0
     late: int = 0
@@ -57,7 +57,7 @@ class Counts:
 
 
 class TooSlow:
-    """Compares the late and skipped ticks of a run with the limits above.
+    """Compares the late and missed ticks of a run with the limits above.
 
     Args:
         config: of the node; names the settings that the remedy changes, and their values.
@@ -108,7 +108,7 @@ class TooSlow:
         median_ms, p99_ms = np.percentile(took_ms, (50, 99))
         return (
             f"too slow: {counts.late} of {counts.wanted} ticks were late and {counts.missed} "
-            f"skipped{when}, which also makes input and robot states look late or their clocks "
+            f"missed{when}, which also makes input and robot states look late or their clocks "
             f"wrong; {self._remedy(counts, float(median_ms), float(p99_ms))}"
         )
 

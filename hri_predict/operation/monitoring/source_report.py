@@ -84,7 +84,7 @@ def source_table(report: Mapping[str, Any]) -> Table:
 def _clock(clock: Mapping[str, Any]) -> str:
     if clock["ahead_of_utc_s"] is not None:
         ahead_ms = clock["ahead_of_utc_s"] * 1e3
-        offset = f"ahead of our UTC by {ahead_ms:.1f} ms (if min_latency_s is right)"
+        offset = f"ahead of this machine's UTC by {ahead_ms:.1f} ms (if min_latency_s is right)"
     else:
         offset = f"not UTC; behind the node's clock by {clock['offset_s']:.3f} s"
     drift = clock["drift_ppm"]

@@ -185,7 +185,7 @@ class Figures(Listener):
             "Ticks that finished after the next tick was due.",
             [({}, pace.late_ticks)],
         )
-        yield _counters("hri_ticks_missed_total", "Skipped ticks.", [({}, pace.missed_ticks)])
+        yield _counters("hri_ticks_missed_total", "Missed ticks.", [({}, pace.missed_ticks)])
 
     def _of_links(self) -> Iterator[Family]:
         yield _gauge(

@@ -10,7 +10,7 @@ from hri_predict.explaining.words import told
 from tests.hri_predict.explaining.made_up import NOON, SECOND, advice, written
 
 SLOW = {"late_ticks": 20, "missed_ticks": 60, "predictor_late": 18}
-SAYS = "; the node's machine was too slow: 20 ticks late and 60 skipped around then"
+SAYS = "; the node's machine was too slow: 20 ticks late and 60 missed around then"
 
 
 def about(path, reason, counted):

@@ -38,7 +38,7 @@ def ran(pace, tick_ms=20.0, *, ticks=1000, late=0, missed=0):
 def test_the_summary_has_the_line_from_one_tick_in_a_hundred(late, missed, says):
     watch, pace = watched()
     ran(pace, ticks=1000 - missed, late=late, missed=missed)
-    told = f"too slow: {late} of 1000 ticks were late and {missed} skipped, which"
+    told = f"too slow: {late} of 1000 ticks were late and {missed} missed, which"
     assert watch.of_run().startswith(told) == says
     assert bool(watch.of_run()) == says
 
@@ -117,7 +117,7 @@ def test_the_warning_comes_once_a_minute_while_ticks_are_late(caplog):
         said.append(len(logged(caplog)))
     assert [said.index(n) for n in (1, 2, 3)] == [5, 65, 125]
     assert (
-        "too slow: 100 of 125 ticks were late and 25 skipped in the last 5 s" in logged(caplog)[1]
+        "too slow: 100 of 125 ticks were late and 25 missed in the last 5 s" in logged(caplog)[1]
     )
 
 

@@ -64,7 +64,7 @@ def test_a_clock_of_utc_is_compared_with_ours():
     clock = ClockEstimate(offset_ns, None, 0, 0)
     report = source_report("udp", live_source(), clock, now_ns)
     assert report["clock"]["ahead_of_utc_s"] == pytest.approx(2.0, abs=1.0)
-    assert "ahead of our UTC by" in shown(report)
+    assert "ahead of this machine's UTC by" in shown(report)
     assert "drift not yet known" in shown(report)
 
 

@@ -31,7 +31,7 @@ def test_the_unit_says_what_the_node_does(tmp_path):
     watchdog = re.search(r"^WatchdogSec=(\d+)$", text, re.MULTILINE)
     assert watchdog is not None
     assert float(watchdog[1]) >= 2
-    assert "MemoryDenyWriteExecute" not in text  # compiled loops are written and run
+    assert "MemoryDenyWriteExecute=" not in text  # compiled loops are written and run
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze")
