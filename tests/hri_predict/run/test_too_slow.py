@@ -116,9 +116,7 @@ def test_the_warning_comes_once_a_minute_while_ticks_are_late(caplog):
         watch.note(second * 1000 * MS)
         said.append(len(logged(caplog)))
     assert [said.index(n) for n in (1, 2, 3)] == [5, 65, 125]
-    assert (
-        "too slow: 100 of 125 ticks were late and 25 missed in the last 5 s" in logged(caplog)[1]
-    )
+    assert "too slow: 100 of 125 ticks were late and 25 missed in the last 5 s" in logged(caplog)[1]
 
 
 def test_few_late_ticks_are_not_warned_of(caplog):
