@@ -81,9 +81,13 @@ def built_once() -> Iterator[None]:
 @pytest.fixture
 def no_matplotlib(monkeypatch: pytest.MonkeyPatch) -> str:
     """Hide matplotlib, as on an installation without extras; the line that says so."""
+    from hri_predict.base.installed import for_this_installation
+
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     monkeypatch.delitem(sys.modules, "hri_predict.base.figures", raising=False)
-    return "plots need matplotlib; install it with: pip install 'hri-predict[plots]'"
+    return for_this_installation(
+        "plots need matplotlib; install it with: pip install 'hri-predict[plots]'"
+    )
 
 
 @pytest.fixture

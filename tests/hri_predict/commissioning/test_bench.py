@@ -27,12 +27,15 @@ def test_a_signal_ends_the_run_and_then_the_step(end, monkeypatch, number):
         os.kill(os.getpid(), number)
         announced.append(stop.wait(5.0))  # what follows is the regular end of a run
 
-    before = signal.getsignal(number)
-    monkeypatch.setattr(bench, "run_real_time", run)
-    with pytest.raises(KeyboardInterrupt):
-        end.run(seconds=1.0, listeners=())
-    assert announced == [True]
-    assert signal.getsignal(number) == before
+    inherited = signal.signal(number, signal.default_int_handler)  # nohup ignores SIGHUP
+    try:
+        monkeypatch.setattr(bench, "run_real_time", run)
+        with pytest.raises(KeyboardInterrupt):
+            end.run(seconds=1.0, listeners=())
+        assert announced == [True]
+        assert signal.getsignal(number) == signal.default_int_handler
+    finally:
+        signal.signal(number, inherited)
 
 
 def test_a_signal_during_the_start_does_not_look_like_success(end, monkeypatch):
