@@ -13,6 +13,7 @@ import numpy as np
 
 from hri_predict.base.files import data_path
 from hri_predict.base.machine.realtime import GUIDE
+from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.node.shedding import HIGH
 from hri_predict.operation.monitoring.pace import Pace
 from hri_predict.run.assemble import LATE_FRACTION
@@ -116,7 +117,7 @@ class TooSlow:
         """Return the probable cause and what to change, the most effective change first."""
         period_ms, where = 1e3 / self._rate_hz, _where(self._config.path)
         slower = self._slower(p99_ms)
-        cheaper = _cheaper(self._config.predictor.name) if counts.forecasts else ""
+        cheaper = _cheaper(self._config.predictor) if counts.forecasts else ""
         # a tick waits for a forecast for at most LATE_FRACTION of its period: is the rest in time?
         fits_without = median_ms < (1 + LATE_FRACTION) * period_ms
         if cheaper and fits_without and 2 * counts.forecasts > counts.late:
@@ -153,12 +154,12 @@ class TooSlow:
         return f"lower {keys} to {fits_hz}"
 
 
-def _cheaper(predictor: str) -> str:
+def _cheaper(predictor: PredictorSettings) -> str:
     """Return how to change to a predictor that costs less; empty if there is none."""
-    if predictor in _BASELINES:
+    if predictor.name in _BASELINES:
         return ""
-    if predictor == "average":
-        return f"set predictor.name to sinn (or {_CHEAPEST}, the cheapest)"
+    if members := predictor.runs():
+        return f"set predictor.name to {members[0]} (or {_CHEAPEST}, the cheapest)"
     return f"set predictor.name to {_CHEAPEST}"
 
 

@@ -15,11 +15,12 @@ from hri_predict.run.too_slow import TooSlow
 from tests.hri_predict.run.fakes import MS, Source, make
 
 
-def watched(*, predictor="average", path="cell.yaml", ticks="fixed", rate_hz=25.0, late=0):
+def watched(*, predictor="stb", path="cell.yaml", ticks="fixed", rate_hz=25.0, late=0):
     """The watch of a node; ``late`` forecasts."""
     largest_hz = rate_hz if ticks == "fixed" else 100.0
     node = SimpleNamespace(ticks=ticks, rate_hz=rate_hz, largest_rate_hz=largest_hz)
-    named = SimpleNamespace(name=predictor)
+    members = ("mixer", "sinn") if predictor == "of two" else ()
+    named = SimpleNamespace(name=predictor, runs=lambda: members)
     config: Any = SimpleNamespace(node=node, predictor=named, path=Path(path))
     pace = Pace()
     return TooSlow(config, 30.0, pace, lambda: {"predictor_late": late}), pace
@@ -46,7 +47,7 @@ def test_the_summary_has_the_line_from_one_tick_in_a_hundred(late, missed, says)
 @pytest.mark.parametrize(
     ("predictor", "named"),
     [
-        ("average", "set predictor.name to sinn (or constant_velocity, the cheapest)"),
+        ("of two", "set predictor.name to mixer (or constant_velocity, the cheapest)"),
         ("stb", "set predictor.name to constant_velocity"),
         ("theirs", "set predictor.name to constant_velocity"),
     ],
@@ -65,7 +66,7 @@ def test_a_late_predictor_is_second_where_ticks_are_late_without_it():
     assert "ticks took 65 ms (p99): lower rate_hz to 12, or set predictor.name" in watch.of_run()
     watch, pace = watched(late=74)
     ran(pace, 145.0, late=81)
-    assert "use a faster machine, or set predictor.name to sinn" in watch.of_run()
+    assert "use a faster machine, or set predictor.name to constant_velocity" in watch.of_run()
 
 
 @pytest.mark.parametrize("predictor", ["constant_velocity", "kalman", "zero_velocity"])
