@@ -188,7 +188,7 @@ def _report(
     tables += _sets_table(found)
     if terms is not None and terms[1].total_m is not None:
         tables.append(_terms_table(*terms))
-        said += remedies_of(*terms, config)
+        said += remedies_of(*terms, cell_of(plan, terms[0].predictor))
     data = {
         "configuration": Path(plan.config).name,
         "robot": robot.name,
