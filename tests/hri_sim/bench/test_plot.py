@@ -1,5 +1,7 @@
 """The plot: files of both kinds, and wrong ones refused before anything is measured."""
 
+import re
+
 import pytest
 
 from hri_predict.base.errors import ConfigError
@@ -38,5 +40,8 @@ def test_another_ending_is_refused(tmp_path):
 
 
 def test_a_missing_library_is_one_line(tmp_path, no_matplotlib):
-    with pytest.raises(ConfigError, match="plots need matplotlib; install it with"):
+    with pytest.raises(
+        ConfigError,
+        match=re.escape("matplotlib; install it with: pip install 'hri-predict[plots]'"),
+    ):
         plot.check(tmp_path / "a.png")
