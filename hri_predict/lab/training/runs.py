@@ -222,12 +222,11 @@ class TrainingView:
         self._bar = bar
         self._task: Any = None
         self._log: Any = None
-        self._began_step = self._total = 0
-        self._began_minutes: float | None = None
+        self._total = 0
 
     def started(self, step: int, total_steps: int) -> None:
         """Open the log and the bar."""
-        self._began_step, self._total = step, total_steps
+        self._total = total_steps
         self._log = _log(self._config, step)
         if self._bar is not None:
             self._task = self._bar.add_task("training", total=total_steps, completed=step, loss="")
