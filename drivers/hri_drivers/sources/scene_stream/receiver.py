@@ -7,14 +7,16 @@ These rules refuse replays (``drivers/SCENE_STREAM.md`` describes their limits):
   before. With a key, its first stamp must also be within ``max_skew_s`` of this machine's UTC
   clock: so even a newly started node refuses a recording of an older session.
 - Two simultaneous senders contradict each other. For one second after a fresh datagram of an older
-  session, the scenes of the newer one count as *room not seen*.
+  session, the scenes of the newer one count as *room not seen*. So they do if two senders share one
+  session, as copies of one sender in two processes do: a sequence then has two contents, or a lower
+  sequence a later stamp.
 - Without a key, strangers are not excluded, and the rules catch only mistakes: an earlier session
   (the sender's clock was set back) is accepted once the later one is silent.
 """
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from hri_drivers.sources.scene_stream.codec import (
     HEADER,
@@ -37,6 +39,15 @@ CONTRADICTED_NS = 1_000_000_000
 WINDOW = 64
 """Number of newest sequences remembered (the window of RFC 4303 clause 3.4.3)."""
 _CANONICAL_CRC = names_crc(JOINTS)
+
+
+@dataclass(slots=True)
+class _Received:
+    """What arrived of one sequence: the scene's header, and part -> hash of its datagram."""
+
+    packed: bytes
+    stamp_ns: int
+    parts: dict[int, int] = field(default_factory=dict)
 
 
 class SceneStream:
@@ -70,11 +81,10 @@ class SceneStream:
         self._utc_ns = utc_ns
         self._session = -1
         self._sequence = self._first = -1
-        self._came = 0  # bit i: whether sequence - i has arrived
+        self._came: dict[int, _Received] = {}  # by sequence, the newest WINDOW
         self._heard_ns = 0
         self._second_ns: int | None = None  # when a second sender was heard last
-        self._packed = b""  # header of the incomplete scene
-        self._parts: list[bytes | None] = []  # its parts; empty when it is complete
+        self._parts: list[bytes | None] = []  # of the newest scene; empty when it is complete
 
     def feed(self, data: bytes, received_ns: int) -> list[SentScene]:
         """Return the scene that this datagram completes, if any; never raises."""
@@ -122,40 +132,60 @@ class SceneStream:
             if not self._may_start(header, received_ns):
                 return False
             self._give_up()
-            self._session, self._came = header.session, 1
+            self._session, self._came = header.session, {}
             self._sequence = self._first = header.sequence
-        elif header.sequence < self._sequence:
-            self._note_late(header.sequence)
-            return False
-        elif header.sequence == self._sequence:
-            if not self._parts or self._parts[header.part] is not None:
-                self._replayed("received before")
+        elif header.sequence <= self._sequence:
+            if self._contradicts(header, data):
+                self._second_ns = received_ns
+                self._replayed(
+                    "a second sender with the same session, or one that began again with it; give "
+                    "each sender its own port, and each start a new session"
+                )
                 return False
-            if not same_scene(self._packed, data[: HEADER.size]):
-                raise Refused("malformed", "two scenes have the same sequence")
-            return True
+            return self._continues(header, data)
         else:
             self._give_up()
-            self._advance(header.sequence - self._sequence)
+            self.counters.lost += header.sequence - self._sequence - 1
             self._sequence = header.sequence
-        self._packed = data[: HEADER.size]
         self._parts = [None] * header.parts
+        self._remember(header, data)
         return True
 
-    def _advance(self, by: int) -> None:
-        self.counters.lost += by - 1
-        self._came = 1 | (self._came << by if by < WINDOW else 0) & (1 << WINDOW) - 1
+    def _contradicts(self, header: Header, data: bytes) -> bool:
+        """Whether a sequence that is not new cannot be of the sender of what was received."""
+        came = self._came.get(header.sequence)
+        if came is None:
+            following = min(sequence for sequence in self._came if sequence > header.sequence)
+            return header.stamp_ns > self._came[following].stamp_ns
+        if not same_scene(came.packed, data[: HEADER.size]):
+            return True
+        return came.parts.get(header.part, hash(data)) != hash(data)
 
-    def _note_late(self, sequence: int) -> None:
+    def _continues(self, header: Header, data: bytes) -> bool:
+        """Whether it is a missing part of the newest scene; otherwise count why it is dropped."""
+        if header.sequence < self._sequence:
+            self._note_late(header, data)
+            return False
+        if not self._parts or self._parts[header.part] is not None:
+            self._replayed("received before")
+            return False
+        self._remember(header, data)
+        return True
+
+    def _remember(self, header: Header, data: bytes) -> None:
+        scene = _Received(data[: HEADER.size], header.stamp_ns)
+        self._came.setdefault(header.sequence, scene).parts[header.part] = hash(data)
+        for old in [each for each in self._came if each <= self._sequence - WINDOW]:
+            del self._came[old]
+
+    def _note_late(self, header: Header, data: bytes) -> None:
         """Count a scene older than the newest: a replay if already received, else out of order."""
-        back = self._sequence - sequence
-        bit = 1 << back if back < WINDOW else 0
-        if not bit or self._came & bit:
+        if header.sequence in self._came or header.sequence <= self._sequence - WINDOW:
             self._replayed("received before")
             return
-        self._came |= bit
+        self._remember(header, data)
         self.counters.out_of_order += 1
-        self.counters.lost -= sequence > self._first
+        self.counters.lost -= header.sequence > self._first
 
     def _may_start(self, header: Header, received_ns: int) -> bool:
         if self._key is None:

@@ -108,6 +108,37 @@ def test_while_two_senders_contradict_each_other_the_room_is_not_seen(key):
     assert believed.sees_room
 
 
+@pytest.mark.parametrize("key", [None, KEY])
+@pytest.mark.parametrize("behind", [0, 1, 30, 100])
+def test_two_senders_with_one_session_contradict_each_other(key, behind):
+    """Copies of one sender in two processes: one sees a person, the other an empty room."""
+    node, sender = Node(key), Sender(UTC, key)
+    node.hear(*(sender(i, people=0)[0] for i in range(200)))
+    for i in range(200, 400):
+        stamp_ns = UTC + i * 33 * MS
+        (empty,) = node.hear(*sender(i, stamp_ns, people=0), after_ns=20 * MS)
+        assert i == 200 or not empty.sees_room
+        assert node.hear(*sender(i - behind, stamp_ns + 1, people=1), after_ns=13 * MS) == []
+    assert "a second sender with the same session" in (node.counters.last_error or "")
+    (alone,) = node.hear(*sender(500, people=0), after_ns=S)
+    assert alone.sees_room
+
+
+def test_a_sender_that_begins_again_with_its_old_session_is_named():
+    node, sender = Node(None), Sender(UTC, None)
+    node.hear(*(sender(i)[0] for i in range(100)))
+    assert node.hear(*sender(0, UTC + 60 * S), after_ns=60 * S) == []
+    assert "began again" in (node.counters.last_error or "")
+
+
+@given(st.lists(st.integers(0, 150), max_size=80), st.sampled_from([1, 4]))
+def test_copies_and_late_datagrams_of_one_sender_contradict_nobody(sequences, people):
+    node, sender = Node(joints=128), Sender(joints=128)
+    for sequence in sequences:
+        for part in sender(sequence, people=people):
+            assert all(heard.sees_room for heard in node.hear(part, part))
+
+
 def test_a_recording_of_an_old_session_contradicts_nobody():
     node, before, after = Node(), Sender(UTC), Sender(UTC + 60 * S)
     recorded = before(0)
@@ -171,7 +202,8 @@ def test_parts_of_two_scenes_under_one_sequence_are_refused():
     node, sender = Node(joints=128), Sender(joints=128)
     other = sender(0, stamp_ns=UTC + 1, people=4)
     assert node.hear(*sender(0, people=4)[:3], *other[3:]) == []
-    assert node.counters.malformed == 2
+    assert node.counters.replayed == 2
+    assert "a second sender with the same session" in (node.counters.last_error or "")
 
 
 def test_other_joints_are_refused_and_named():
