@@ -13,6 +13,7 @@ import numpy as np
 
 from hri_predict.base.files import data_path
 from hri_predict.base.machine.realtime import GUIDE
+from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.node.shedding import HIGH
 from hri_predict.operation.monitoring.pace import Pace
@@ -159,8 +160,17 @@ def _cheaper(predictor: PredictorSettings) -> str:
     if predictor.name in _BASELINES:
         return ""
     if members := predictor.runs():
-        return f"set predictor.name to {members[0]} (or {_CHEAPEST}, the cheapest)"
-    return f"set predictor.name to {_CHEAPEST}"
+        return f"set predictor.name to {members[0]} (or {_CHEAPEST}, the cheapest)" + _without(
+            predictor, members[0], _CHEAPEST
+        )
+    return f"set predictor.name to {_CHEAPEST}" + _without(predictor, _CHEAPEST)
+
+
+def _without(predictor: PredictorSettings, *names: str) -> str:
+    """Return which of the predictor's settings those of these names do not have."""
+    known = [registry.predictor_settings(name).model_fields.keys() for name in names]
+    alien = [key for key in sorted(predictor.model_fields_set) if any(key not in k for k in known)]
+    return "".join(f" and remove predictor.{key}" for key in alien)
 
 
 def _where(path: Path) -> str:

@@ -1,5 +1,7 @@
 """Paths of a recording's files, and the start of the next one: one file of a given name."""
 
+import fcntl
+import logging
 import os
 import stat
 from pathlib import Path
@@ -9,6 +11,8 @@ from hri_predict.base.errors import RecordingError
 from hri_predict.base.files import refuse_named_pipe
 from hri_predict.recording.mcap.clocks import Reading
 from hri_predict.recording.mcap.file import McapFile
+
+log = logging.getLogger(__name__)
 
 
 class RecordingFiles(Protocol):
@@ -60,16 +64,17 @@ class OneFile:
         return self._path
 
     def open(self, at: Reading) -> tuple[Path, int]:
-        """Create it.
+        """Create it, with a lock that its descriptor holds.
 
         Raises:
-            RecordingError: it is there already.
+            RecordingError: it is there already, or another node records there.
             OSError: it cannot be created.
         """
         refuse_named_pipe(self._path)
-        exclusive = 0 if self._overwrite or _is_device(self._path) else os.O_EXCL
+        is_device = _is_device(self._path)
+        exclusive = 0 if self._overwrite or is_device else os.O_EXCL
         try:
-            flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | exclusive
+            flags = os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | exclusive
             descriptor = os.open(self._path, flags, 0o644)
         except FileExistsError as error:
             raise RecordingError(
@@ -77,7 +82,23 @@ class OneFile:
                 f"folder, or add --overwrite"
             ) from error
         self._is_new = bool(exclusive)
+        if not is_device:
+            self._empty(descriptor)
         return self._path, descriptor
+
+    def _empty(self, descriptor: int) -> None:
+        """Lock the file before its old content goes, which another node may be writing."""
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            os.close(descriptor)
+            raise RecordingError(
+                f"recording {self._path}: another node records there; name another file, or stop "
+                f"that node"
+            ) from error
+        except OSError as error:  # a file system without locks
+            log.debug("recording %s: cannot be locked: %s", self._path, error)
+        os.truncate(descriptor, 0)
 
     def discard(self, path: Path) -> None:
         """Remove the file if ``open`` created it, never a device or a file to overwrite."""

@@ -8,10 +8,12 @@ from typing import Any
 import pytest
 
 from hri_predict.base.files import data_path
+from hri_predict.base.settings import validated
+from hri_predict.contracts import registry
 from hri_predict.operation.monitoring.pace import Pace
 from hri_predict.run.config import load
 from hri_predict.run.runtime import run_real_time
-from hri_predict.run.too_slow import TooSlow
+from hri_predict.run.too_slow import TooSlow, _cheaper
 from tests.hri_predict.run.fakes import MS, Source, make
 
 
@@ -20,7 +22,7 @@ def watched(*, predictor="stb", path="cell.yaml", ticks="fixed", rate_hz=25.0, l
     largest_hz = rate_hz if ticks == "fixed" else 100.0
     node = SimpleNamespace(ticks=ticks, rate_hz=rate_hz, largest_rate_hz=largest_hz)
     members = ("mixer", "sinn") if predictor == "of two" else ()
-    named = SimpleNamespace(name=predictor, runs=lambda: members)
+    named = SimpleNamespace(name=predictor, runs=lambda: members, model_fields_set={"name"})
     config: Any = SimpleNamespace(node=node, predictor=named, path=Path(path))
     pace = Pace()
     return TooSlow(config, 30.0, pace, lambda: {"predictor_late": late}), pace
@@ -57,6 +59,26 @@ def test_a_late_predictor_is_exchanged_first(predictor, named):
     ran(pace, 50.0, late=81)
     said = watch.of_run()
     assert f"most forecasts were late: {named}, or lower rate_hz to 16 in cell.yaml; or" in said
+
+
+@pytest.mark.parametrize(
+    ("given", "to", "gone"),
+    [
+        ({"name": "average", "members": ["mixer", "sinn"]}, "mixer", ["members"]),
+        ({"name": "average", "members": ["mixer", "sinn"]}, "constant_velocity", ["members"]),
+        (
+            {"name": "sinn", "weights": "mine.safetensors", "horizon_s": 0.8},
+            "constant_velocity",
+            ["weights"],
+        ),
+    ],
+)
+def test_settings_that_the_cheaper_predictor_lacks_are_named(given, to, gone):
+    settings = validated(registry.predictor_settings(given["name"]), given, "predictor")
+    said = _cheaper(settings)
+    assert said.endswith("".join(f" and remove predictor.{key}" for key in gone))
+    kept = {key: value for key, value in given.items() if key not in gone} | {"name": to}
+    validated(registry.predictor_settings(to), kept, "predictor")
 
 
 def test_a_late_predictor_is_second_where_ticks_are_late_without_it():

@@ -294,6 +294,18 @@ def test_a_file_that_exists_is_not_overwritten(tmp_path: Path) -> None:
     assert path.read_bytes() != before
 
 
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_file_that_is_being_recorded_is_not_overwritten(tmp_path: Path, overwrite: bool) -> None:
+    path = tmp_path / "monday.mcap"
+    with Recorder(OneFile(path, overwrite), _info(), threaded=False) as recorder:
+        recorder.on_scene(_scene(1), 1)
+        with pytest.raises(RecordingError, match="another node records there; name another file"):
+            Recorder(OneFile(path, overwrite=True), _info(), threaded=False)
+        recorder.on_scene(_scene(2), 2)
+    assert len(open_recording(path).scenes) == 2
+    Recorder(OneFile(path, overwrite=True), _info(), threaded=False).close()
+
+
 @pytest.mark.parametrize("threaded", [False, True])
 def test_a_recording_of_nothing_leaves_no_file(tmp_path: Path, threaded: bool) -> None:
     """A start that failed does not stand in the way of the next one."""
