@@ -43,7 +43,7 @@ _CANONICAL_CRC = names_crc(JOINTS)
 
 @dataclass(slots=True)
 class _Received:
-    """What arrived of one sequence: the scene's header, and part -> hash of its datagram."""
+    """One sequence so far: the scene's header, and part -> hash of its datagram."""
 
     packed: bytes
     stamp_ns: int
