@@ -147,17 +147,19 @@ def hri_predict(*words: str, cwd: Path) -> None:
 
 def missing(words: list[str]) -> str | None:
     """The first word of a command line that hri-predict does not know: a command or an option."""
-    command = root()
-    for word in words:
+    command, ahead = root(), iter(words)
+    for word in ahead:
         if word in (below := children(command)):
             command = below[word]
         elif below and not word.startswith("-"):
             return word
         elif word.startswith("--"):
-            option = word.partition("=")[0]
-            known = {o for p in command.params for o in (*p.opts, *p.secondary_opts)}
-            if option not in {*known, "--help"}:
-                return option
+            option, _, value = word.partition("=")
+            known = {o: p for p in command.params for o in (*p.opts, *p.secondary_opts)}
+            if option not in known:
+                return None if option == "--help" else option
+            if not (value or getattr(known[option], "is_flag", False)):
+                next(ahead, None)  # its value
     return None
 
 

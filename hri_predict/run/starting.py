@@ -9,6 +9,7 @@ import json
 import logging
 import queue
 import signal
+import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -104,12 +105,15 @@ def ended_by_signals(stop: threading.Event) -> Iterator[None]:
     for number, inner in before.items():
         if callable(inner):
             signal.signal(number, handler)
+    swallowed = sys.unraisablehook
+    sys.unraisablehook = lambda what: what.exc_value in asked or swallowed(what)
     try:
         yield
     except Exception:  # of a part whose start was ended
         if not asked:
             raise
     finally:
+        sys.unraisablehook = swallowed
         for number, inner in before.items():
             if callable(inner):
                 signal.signal(number, inner)

@@ -172,7 +172,7 @@ def test_without_matplotlib_a_picture_is_one_line(near, tmp_path):
     )
     assert done.returncode == 2
     (line,) = done.stderr.strip().splitlines()
-    assert line.startswith("error: plots need matplotlib; install it with ")
+    assert line.startswith("error: plots need matplotlib; install it with")
     assert "[plots]'" in line
 
 

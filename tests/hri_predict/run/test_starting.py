@@ -1,10 +1,13 @@
 """A start that takes long ends with the first signal, and the handlers are left as they were."""
 
 import contextlib
+import ctypes
 import os
 import signal
+import sys
 import threading
 from asyncio import CancelledError
+from typing import Any
 
 import pytest
 
@@ -38,6 +41,20 @@ def test_a_signal_that_a_compiler_swallows_ends_the_start_when_it_has_compiled()
         contextlib.suppress(KeyboardInterrupt),  # as ctypes does with a callback's exceptions
     ):
         signal.raise_signal(signal.SIGINT)
+
+
+def test_a_signal_in_a_callback_of_the_compiler_prints_no_traceback(monkeypatch):
+    stop = threading.Event()
+    printed: list[Any] = []
+    monkeypatch.setattr(sys, "unraisablehook", printed.append)
+    interrupted = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
+    with stop_on_signals(stop), pytest.raises(KeyboardInterrupt), ended_by_signals(stop):
+        interrupted()
+    assert printed == []
+    failing = ctypes.CFUNCTYPE(None)(lambda: print(1 / 0))
+    with ended_by_signals(stop):
+        failing()
+    assert [type(each.exc_value) for each in printed] == [ZeroDivisionError]
 
 
 def test_a_signal_that_a_part_takes_for_its_own_failure_ends_the_start():

@@ -8,8 +8,8 @@ These rules refuse replays (``drivers/SCENE_STREAM.md`` describes their limits):
   clock: so even a newly started node refuses a recording of an older session.
 - Two simultaneous senders contradict each other. For one second after a fresh datagram of an older
   session, the scenes of the newer one count as *room not seen*. So they do if two senders share one
-  session, as copies of one sender in two processes do: a sequence then has two contents, or a lower
-  sequence a later stamp.
+  session, as copies of one sender in two processes do: a sequence then has two contents, or comes
+  for the first time long after a later one.
 - Without a key, strangers are not excluded, and the rules catch only mistakes: an earlier session
   (the sender's clock was set back) is accepted once the later one is silent.
 """
@@ -36,17 +36,19 @@ from hri_predict.contracts.source import SourceCounters
 SILENT_NS = 1_000_000_000
 CONTRADICTED_NS = 1_000_000_000
 """Time for which neither sender is believed after a second one was heard."""
-WINDOW = 64
-"""Number of newest sequences remembered (the window of RFC 4303 clause 3.4.3)."""
+WINDOW = 512
+"""Number of newest sequences remembered, at least (the window of RFC 4303 clause 3.4.3)."""
+LATE_NS = 300_000_000
+"""A network delivers no datagram over this time after a later one of the same sender."""
 _CANONICAL_CRC = names_crc(JOINTS)
 
 
 @dataclass(slots=True)
 class _Received:
-    """One sequence so far: the scene's header, and part -> hash of its datagram."""
+    """One sequence so far: header and arrival of the scene, and part -> hash of its datagram."""
 
     packed: bytes
-    stamp_ns: int
+    received_ns: int
     parts: dict[int, int] = field(default_factory=dict)
 
 
@@ -81,7 +83,7 @@ class SceneStream:
         self._utc_ns = utc_ns
         self._session = -1
         self._sequence = self._first = -1
-        self._came: dict[int, _Received] = {}  # by sequence, the newest WINDOW
+        self._came: dict[int, _Received] = {}  # by sequence
         self._heard_ns = 0
         self._second_ns: int | None = None  # when a second sender was heard last
         self._parts: list[bytes | None] = []  # of the newest scene; empty when it is complete
@@ -135,57 +137,52 @@ class SceneStream:
             self._session, self._came = header.session, {}
             self._sequence = self._first = header.sequence
         elif header.sequence <= self._sequence:
-            if self._contradicts(header, data):
+            if self._contradicts(header, data, received_ns):
                 self._second_ns = received_ns
                 self._replayed(
                     "a second sender with the same session, or one that began again with it; give "
                     "each sender its own port, and each start a new session"
                 )
                 return False
-            return self._continues(header, data)
+            return self._continues(header, data, received_ns)
         else:
             self._give_up()
             self.counters.lost += header.sequence - self._sequence - 1
             self._sequence = header.sequence
         self._parts = [None] * header.parts
-        self._remember(header, data)
+        self._remember(header, data, received_ns)
         return True
 
-    def _contradicts(self, header: Header, data: bytes) -> bool:
+    def _contradicts(self, header: Header, data: bytes, received_ns: int) -> bool:
         """Whether a sequence that is not new cannot be of the sender of what was received."""
         came = self._came.get(header.sequence)
         if came is None:
             following = min(sequence for sequence in self._came if sequence > header.sequence)
-            return header.stamp_ns > self._came[following].stamp_ns
+            return received_ns - self._came[following].received_ns > LATE_NS
         if not same_scene(came.packed, data[: HEADER.size]):
             return True
         return came.parts.get(header.part, hash(data)) != hash(data)
 
-    def _continues(self, header: Header, data: bytes) -> bool:
+    def _continues(self, header: Header, data: bytes, received_ns: int) -> bool:
         """Whether it is a missing part of the newest scene; otherwise count why it is dropped."""
-        if header.sequence < self._sequence:
-            self._note_late(header, data)
+        if header.sequence < self._sequence and header.sequence not in self._came:
+            self.counters.out_of_order += 1
+            self.counters.lost -= header.sequence > self._first
+            self._remember(header, data, received_ns)
             return False
-        if not self._parts or self._parts[header.part] is not None:
+        newest = header.sequence == self._sequence
+        if not newest or not self._parts or self._parts[header.part] is not None:
             self._replayed("received before")
             return False
-        self._remember(header, data)
+        self._remember(header, data, received_ns)
         return True
 
-    def _remember(self, header: Header, data: bytes) -> None:
-        scene = _Received(data[: HEADER.size], header.stamp_ns)
+    def _remember(self, header: Header, data: bytes, received_ns: int) -> None:
+        scene = _Received(data[: HEADER.size], received_ns)
         self._came.setdefault(header.sequence, scene).parts[header.part] = hash(data)
-        for old in [each for each in self._came if each <= self._sequence - WINDOW]:
-            del self._came[old]
-
-    def _note_late(self, header: Header, data: bytes) -> None:
-        """Count a scene older than the newest: a replay if already received, else out of order."""
-        if header.sequence in self._came or header.sequence <= self._sequence - WINDOW:
-            self._replayed("received before")
-            return
-        self._remember(header, data)
-        self.counters.out_of_order += 1
-        self.counters.lost -= header.sequence > self._first
+        if len(self._came) > 2 * WINDOW:
+            last = self._sequence - WINDOW
+            self._came = {each: came for each, came in self._came.items() if each > last}
 
     def _may_start(self, header: Header, received_ns: int) -> bool:
         if self._key is None:

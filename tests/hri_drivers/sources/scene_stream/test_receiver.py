@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from hri_drivers.sources.scene_stream.codec import encode
 from hri_drivers.sources.scene_stream.key_file import Key
-from hri_drivers.sources.scene_stream.receiver import SceneStream
+from hri_drivers.sources.scene_stream.receiver import LATE_NS, SceneStream
 from hri_drivers.sources.sent import SentScene
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.source import SourceCounters
@@ -131,12 +131,34 @@ def test_a_sender_that_begins_again_with_its_old_session_is_named():
     assert "began again" in (node.counters.last_error or "")
 
 
-@given(st.lists(st.integers(0, 150), max_size=80), st.sampled_from([1, 4]))
-def test_copies_and_late_datagrams_of_one_sender_contradict_nobody(sequences, people):
+@pytest.mark.parametrize("key", [None, KEY])
+@pytest.mark.parametrize("ahead", [3, 30, 150, 2000])
+def test_two_senders_with_one_session_and_clocks_of_their_own_are_noticed_at_once(key, ahead):
+    """The node hears both from its start; the one that began earlier sees an empty room."""
+    node, sender = Node(key), Sender(UTC, key)
+    believed = 0
+    for i in range(300):
+        (empty,) = node.hear(*sender(i + ahead, UTC + i * 33 * MS + S, people=0), after_ns=20 * MS)
+        believed += empty.sees_room
+        assert node.hear(*sender(i, UTC + i * 33 * MS, people=1), after_ns=13 * MS) == []
+    assert believed <= 11  # of a third of a second
+
+
+arrivals = st.lists(st.tuples(st.integers(0, 150), st.integers(0, LATE_NS)), max_size=80)
+
+
+@given(arrivals, st.sampled_from([1, 4]), st.integers(-3600, 3600))
+def test_copies_and_late_datagrams_of_one_sender_contradict_nobody(sent, people, clock_set_s):
+    """Each datagram arrives up to ``LATE_NS`` after it was sent, and again at once."""
     node, sender = Node(joints=128), Sender(joints=128)
-    for sequence in sequences:
-        for part in sender(sequence, people=people):
-            assert all(heard.sees_room for heard in node.hear(part, part))
+    coming = sorted((i * 33 * MS + late_ns, i) for i, late_ns in sent)
+    now_ns = 0
+    for at_ns, i in coming:
+        stamp_ns = UTC + i * 33 * MS + (clock_set_s * S if i > 75 and coming[0][1] <= 75 else 0)
+        for part in sender(i, stamp_ns, people):
+            heard = node.hear(part, part, after_ns=at_ns - now_ns)
+            assert all(each.sees_room for each in heard)
+            now_ns = at_ns
 
 
 def test_a_recording_of_an_old_session_contradicts_nobody():
