@@ -4,6 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+"""Single precision: half the memory, and twice the numbers in each vector instruction."""
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.intp]
 """Indices and counts."""

@@ -1,6 +1,7 @@
 """The learned scale as loops: the inputs of its network, and the network.
 
-``learned_scale`` explains each value and implements the same as array operations.
+``learned_scale`` explains each value and implements the same as array operations. Positions and
+inputs are in double precision; normalised inputs and the network are in single precision.
 """
 
 from math import exp, inf, isfinite, isnan, log, log1p, sqrt
@@ -8,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.arrays import Bools, Floats, Ints, Singles
 from hri_predict.base.machine.compiled import part
 
 BACK = (1, 3, 10)
@@ -61,10 +62,10 @@ class Tables(NamedTuple):
     part: Floats
     mean: Floats
     deviation: Floats
-    now: Floats
-    ahead: Floats
-    first: Floats
-    rest: tuple[tuple[Floats, Floats], ...]
+    now: Singles
+    ahead: Singles
+    first: Singles
+    rest: tuple[tuple[Singles, Singles], ...]
     other: Bools
 
 
@@ -75,14 +76,16 @@ def scale_by_loops(seen: EvidenceArrays, tables: Tables) -> Floats:
     logs = np.empty((len(tables.knots), joints))
     now, moved = np.empty((joints, tables.now.shape[0])), np.empty((4, joints, 3))
     ahead = np.empty((len(tables.knots), joints, 5))
+    normal_now = np.empty(now.shape, np.float32)
+    normal_ahead = np.empty(ahead.shape, np.float32)
     for p in range(people):
         given = seen.history[p], seen.observed[p]
         _inputs_now(given, tables, now, moved)
         _inputs_of_errors(seen.error_m[p], seen.residual_m[p], now)
         _inputs_ahead(given, seen.forecast[p], tables, ahead)
         _inputs_of_spread(seen.std, p, tables, ahead)
-        _normalise(now, ahead, tables.mean, tables.deviation)
-        _network(now, ahead, tables, logs)
+        _normalise((now, ahead), (normal_now, normal_ahead), tables.mean, tables.deviation)
+        _network(normal_now, normal_ahead, tables, logs)
         _between_knots(logs, tables, scale[p])
     return scale
 
@@ -91,14 +94,15 @@ def scale_by_loops(seen: EvidenceArrays, tables: Tables) -> Floats:
 
 
 @part
-def _network(now: Floats, ahead: Floats, tables: Tables, logs: Floats) -> None:
+def _network(now: Singles, ahead: Singles, tables: Tables, logs: Floats) -> None:
     """Fill (K, J) with the scale's logarithms."""
     of_now, of_ahead, first, rest = tables.now, tables.ahead, tables.first, tables.rest
     hidden = of_now.shape[1]
     widest = hidden
     for _, biases in rest:
         widest = max(widest, len(biases))
-    base, row, into = np.empty(hidden), np.empty(widest), np.empty(widest)
+    base = np.empty(hidden, np.float32)
+    row, into = np.empty(widest, np.float32), np.empty(widest, np.float32)
     used = np.empty(widest + 1, np.intp)
     for j in range(len(now)):
         for h in range(hidden):
@@ -129,7 +133,7 @@ def _network(now: Floats, ahead: Floats, tables: Tables, logs: Floats) -> None:
 
 
 @part
-def _positive(row: Floats, width: int, used: Ints) -> int:
+def _positive(row: Singles, width: int, used: Ints) -> int:
     """Fill in the indices of inputs that are positive or NaN, and return their number."""
     count = 0
     for k in range(width):  # without a branch, which no processor could foresee
@@ -139,7 +143,7 @@ def _positive(row: Floats, width: int, used: Ints) -> int:
 
 
 @part
-def _sum(row: Floats, used: Ints, weights: Floats) -> float:
+def _sum(row: Singles, used: Ints, weights: Singles) -> float:
     even = odd = 0.0
     count = len(used)
     for i in range(0, count - 1, 2):
@@ -151,7 +155,7 @@ def _sum(row: Floats, used: Ints, weights: Floats) -> float:
 
 
 @part
-def _layer(row: Floats, used: Ints, weights: Floats, into: Floats) -> None:
+def _layer(row: Singles, used: Ints, weights: Singles, into: Singles) -> None:
     """Fill in the output of a layer for the inputs ``used``, without biases."""
     count, width, i = len(used), weights.shape[1], 0
     for h in range(width):
@@ -172,16 +176,20 @@ def _layer(row: Floats, used: Ints, weights: Floats, into: Floats) -> None:
 
 
 @part
-def _normalise(now: Floats, ahead: Floats, mean: Floats, deviation: Floats) -> None:
+def _normalise(
+    inputs: tuple[Floats, Floats], normal: tuple[Singles, Singles], mean: Floats, deviation: Floats
+) -> None:
+    now, ahead = inputs
+    normal_now, normal_ahead = normal
     count = now.shape[1]
     for i in range(count):
         for j in range(len(now)):
-            now[j, i] = _bounded((now[j, i] - mean[i]) / deviation[i], -BEYOND, BEYOND)
+            normal_now[j, i] = _bounded((now[j, i] - mean[i]) / deviation[i], -BEYOND, BEYOND)
     for i in range(5):
         for k in range(len(ahead)):
             for j in range(len(now)):
                 value = (ahead[k, j, i] - mean[count + i]) / deviation[count + i]
-                ahead[k, j, i] = _bounded(value, -BEYOND, BEYOND)
+                normal_ahead[k, j, i] = _bounded(value, -BEYOND, BEYOND)
 
 
 @part

@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.skeleton import CANONICAL, JOINTS, make_skeleton
+from hri_predict.zones import learned_scale
 from hri_predict.zones.learned_scale import (
     AHEAD,
+    BEYOND,
     KINDS,
     KNOT_STEPS,
     LEAST_M,
@@ -74,6 +76,31 @@ def one(known, person):
     return Evidence(**{name: r[person][None] for name, r in rows.items() if r is not None})
 
 
+def double_precision(own, known, steps=25):
+    """The scale's logarithm (P, H, J), layer by layer in double precision, and how far single
+    precision may be from it: each sum of n products errs by at most n + 2 roundings of the sum of
+    their sizes, and passes on the errors of what it adds."""
+    knots = knots_within(steps)
+    now = inputs_now(known, RATE_HZ, CANONICAL)[:, None]
+    ahead = inputs_ahead(known, knots, RATE_HZ)
+    kinds = np.eye(len(KINDS))[kind_of(CANONICAL)]
+    wide = (*ahead.shape[:-1], -1)
+    plain = np.concatenate([np.broadcast_to(now, (*wide[:-1], now.shape[-1])), ahead], -1)
+    normal = np.clip((plain - own.mean) / own.deviation, -BEYOND, BEYOND)
+    values = np.concatenate([normal, np.broadcast_to(kinds, (*wide[:-1], len(KINDS)))], -1)
+    rounding = np.finfo(np.float32).eps
+    error = rounding * np.abs(values)
+    for number, (weights, biases) in enumerate(own.layers):
+        if number:
+            values = np.maximum(values, 0.0)
+        sizes = np.abs(values) @ np.abs(weights) + np.abs(biases)
+        error = error @ np.abs(weights) + (len(weights) + 2) * rounding * sizes
+        values = values @ weights + biases
+    log, at = np.maximum.accumulate(values[..., 0], axis=1), np.arange(1, steps + 1)
+    rows = [[np.interp(at, knots, log[p, :, j]) for j in range(COUNT)] for p in range(len(log))]
+    return np.swapaxes(np.array(rows), 1, 2), error.max()
+
+
 # -- what it reads --------------------------------------------------------------------------------
 
 
@@ -86,9 +113,9 @@ def test_turning_and_moving_the_room_changes_nothing(seed):
     moved = replace(
         known, history=known.history @ turn.T + shift, forecast=known.forecast @ turn.T + shift
     )
-    # coordinates up to 30 m are rounded to 4e-15 m; a speed over one step multiplies that by 25,
-    # its logarithm by 5 at most, and two layers of 16 by about 4 each: far below 1e-9
-    assert scale()(moved) == pytest.approx(scale()(known), rel=1e-9)
+    # coordinates up to 30 m are rounded to 4e-15 m, far less than the network's single precision
+    _, error = double_precision(network(), known)
+    assert scale()(moved) == pytest.approx(scale()(known), rel=np.expm1(2 * error))
 
 
 @given(SEEDS)
@@ -96,8 +123,11 @@ def test_people_are_judged_alone_whoever_is_beside_them(seed):
     known = evidence(seed, people=3)
     found = scale()(known)
     for person in range(3):
-        # sums of a matrix product may be ordered by its size: 28 terms of about 1 in 64 bits
-        assert scale()(one(known, person))[0] == pytest.approx(found[person], rel=1e-9)
+        # sums of a matrix product may be ordered by its size
+        _, error = double_precision(network(), one(known, person))
+        assert scale()(one(known, person))[0] == pytest.approx(
+            found[person], rel=np.expm1(2 * error)
+        )
     assert scale()(evidence(people=0)).shape == (0, 25, COUNT)
 
 
@@ -220,6 +250,24 @@ def test_joints_of_no_known_kind_are_unbounded():
     found = scale(skeleton=skeleton)(some)
     assert np.isfinite(found[..., :2]).all()
     assert np.isinf(found[..., 2]).all()
+
+
+def unless_compiled(scale_of_all):
+    """The array operations instead of the compiled loops."""
+    return scale_of_all.__wrapped__
+
+
+@pytest.mark.parametrize("by", [lambda own: own, unless_compiled], ids=["loops", "arrays"])
+@given(seed=SEEDS)
+def test_it_is_the_network_in_double_precision_to_the_rounding_of_single(by, seed):
+    own, known = network(seed), evidence(seed)
+    expected, error = double_precision(own, known)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(learned_scale, "_scale", by(learned_scale._scale))
+        found = np.log(scale(own)(known))
+    bounded = np.clip(expected, np.log(LEAST_M), np.log(MOST_M))
+    assert error < 1e-3
+    assert found == pytest.approx(bounded, abs=error)
 
 
 # -- what it gives --------------------------------------------------------------------------------
