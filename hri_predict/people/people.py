@@ -8,10 +8,10 @@ import numpy as np
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import JointMap
-from hri_predict.contracts.scene import Doubt, Person, Scene
+from hri_predict.contracts.scene import Doubt, Scene
 from hri_predict.contracts.source import SourceSettings
 from hri_predict.people.body.body_model import body_model
-from hri_predict.people.body.canonical import canonical_body
+from hri_predict.people.body.canonical import Mapped, canonical_bodies, canonical_body
 from hri_predict.people.body.floor_watch import FloorWatch
 from hri_predict.people.body.inferred import Inference
 from hri_predict.people.body.made_up import MadeUpWatch, Sign
@@ -140,11 +140,15 @@ class People(RemembersLost):
         frozen = False
         starts: list[Appearing] = []
         seen: dict[int, Body | None] = {}
-        for person in self._made_up.known_first(scene.people):
+        people = self._made_up.known_first(scene.people)
+        bodies = canonical_bodies(people, self._joint_map, self._origin)
+        postures = self._posture.due((m.body for m in bodies if m.body is not None), capture_ns)
+        for person, mapped in zip(people, bodies, strict=True):
             if person.id in seen:
-                self._refuse_second(person, seen[person.id], capture_ns)
+                self._refuse_second(mapped.body, seen[person.id], capture_ns)
                 continue
-            body = seen[person.id] = self._body(person)
+            self._count(mapped, person.id)
+            body = seen[person.id] = mapped.body
             if body is None:
                 continue
             self._roster.part(body, capture_ns)
@@ -153,7 +157,8 @@ class People(RemembersLost):
                 self._counters["excess_people"] += 1
                 self._unplaced.note(Why.ONE_TOO_MANY, person.id, capture_ns)
                 continue
-            if (wrong := self._posture.judge(body, capture_ns)) is not None:
+            wrong = self._posture.judge(body, capture_ns, postures.get(body.id))
+            if wrong is not None:
                 self._counters[wrong.value] += 1
                 self._misplaced = True  # still tracked, because somebody is there
             if self._size.is_wrong(body, capture_ns):
@@ -203,14 +208,13 @@ class People(RemembersLost):
         self._counters[why] += 1
         self._impossible = True
 
-    def _refuse_second(self, person: Person, first: Body | None, capture_ns: int) -> None:
+    def _refuse_second(self, body: Body | None, first: Body | None, capture_ns: int) -> None:
         """Refuse a second body with one id: it is another person, unless it is a repeat."""
         self._refuse("duplicate_ids")
-        body = canonical_body(person, self._joint_map, self._origin).body
         if body is None:
             return
         if first is None or np.linalg.norm(body.centroid - first.centroid) > SAME_PLACE_M:
-            self._unplaced.note(Why.SECOND_BODY, person.id, capture_ns)
+            self._unplaced.note(Why.SECOND_BODY, body.id, capture_ns)
 
     def _look_at_refused(self, scene: Scene) -> None:
         """Check a scene that does not advance: it changes no track, but may show another person.
@@ -246,14 +250,11 @@ class People(RemembersLost):
             else:
                 self._unplaced.note(Why.NO_JOINT, number, capture_ns)
 
-    def _body(self, person: Person) -> Body | None:
-        """Return the person's canonical joints; ``None`` if no joint is usable."""
-        mapped = canonical_body(person, self._joint_map, self._origin)
-        (self._hip_centred.add if mapped.hip_centred else self._hip_centred.discard)(person.id)
+    def _count(self, mapped: Mapped, number: int) -> None:
+        (self._hip_centred.add if mapped.hip_centred else self._hip_centred.discard)(number)
         self._counters.update(mapped.counts)
         if mapped.trouble is not None:
             self._refuse(mapped.trouble)
-        return mapped.body
 
     def _is_repeat(self, track: Track, body: Body, capture_ns: int) -> bool:
         """Return whether a source that declares noise repeated identical joints."""

@@ -15,7 +15,7 @@ from hri_predict.base.settings import MAX_COORDINATE_M
 from hri_predict.contracts.scene import Scene
 from hri_predict.people.body.axes import standing_axes
 from hri_predict.people.body.posture import posture_of
-from hri_predict.people.body.size import is_human_sized
+from hri_predict.people.body.size import most_are_not_human_sized
 from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
 from hri_predict.recording.recording import SELF_EXPLAINED, Recording, converted_by
 
@@ -124,7 +124,7 @@ def _size(recording: Recording, bodies: _Bodies) -> tuple[str, str, float | None
     "", "" and ``None`` if there is none.
     """
     stature = stature_m(bodies)
-    small = 2 * sum(not is_human_sized(*body) for body in bodies) > len(bodies)
+    small = most_are_not_human_sized(bodies)
     if not small and (stature is None or is_adult(stature)):
         return "", "", None
     if not stature:  # or all joints in one place

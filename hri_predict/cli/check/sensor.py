@@ -28,7 +28,7 @@ from hri_predict.people.body.axes import ALIKE, all_axes
 from hri_predict.people.body.posture import posture_of, shows_down
 from hri_predict.people.body.posture_watch import Verdict, refusal_of
 from hri_predict.people.body.relative import hips_are_origin
-from hri_predict.people.body.size import is_human_sized
+from hri_predict.people.body.size import most_are_not_human_sized
 from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
@@ -213,7 +213,7 @@ def size_remedy(config: Config, people: Heard, scale_to_m: float) -> str | None:
     """
     bodies = [(b, o) for each in people.values() for b, o in zip(*each, strict=True) if o.any()]
     stature = stature_m(bodies)
-    small = 2 * sum(not is_human_sized(*body) for body in bodies) > len(bodies)
+    small = most_are_not_human_sized(bodies)
     if not small and (stature is None or is_adult(stature)):
         return None
     if stature is None or (fitting := fitting_unit(stature, scale_to_m)) is None:

@@ -1,6 +1,7 @@
-"""Conversion of one body from the source's joints to canonical joints."""
+"""Conversion of bodies from the source's joints to canonical joints."""
 
 import math
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,8 +10,8 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.scene import Person, sound_error_m
-from hri_predict.people.body.size import is_human_sized
-from hri_predict.people.body.unseen import at_origin, out_of_reach
+from hri_predict.people.body.size import are_human_sized
+from hri_predict.people.body.unseen import at_origin, contradicts, out_of_reach
 from hri_predict.people.track import Body
 
 HIP_CENTRED_M = 0.35
@@ -52,48 +53,83 @@ class Mapped(NamedTuple):
         }
 
 
-def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mapped:
-    """Map a person's joints to canonical ones. Never raises.
+def canonical_bodies(people: Sequence[Person], joint_map: JointMap, origin: Floats) -> list[Mapped]:
+    """Map the joints of a scene's people to canonical ones, all at once. Never raises.
 
     Args:
-        person: the person as sent by the source.
+        people: P people as sent by the source.
         joint_map: joint map of the source.
         origin: (3,) origin of the source's frame, in the room; a joint exactly there was not seen.
+
+    Returns:
+        P bodies, in the same order.
     """
-    count = len(joint_map.source_joints)
+    troubles = [_trouble(person, len(joint_map.source_joints)) for person in people]
+    sound = [person for person, trouble in zip(people, troubles, strict=True) if trouble is None]
+    bodies = iter(_bodies(sound, joint_map, origin) if sound else ())
+    return [next(bodies) if trouble is None else Mapped(None, trouble) for trouble in troubles]
+
+
+def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mapped:
+    """Map one person's joints; see ``canonical_bodies``."""
+    return canonical_bodies([person], joint_map, origin)[0]
+
+
+def _trouble(person: Person, count: int) -> str | None:
+    """Return the counter for a person whose joints cannot be read; ``None`` if they can."""
     if person.positions.shape != (count, 3) or person.observed.shape != (count,):
-        return Mapped(None, "malformed_bodies")
-    error_m = sound_error_m(person.error_m)
-    if math.isnan(error_m):
-        return Mapped(None, "absurd_errors")
+        return "malformed_bodies"
+    return "absurd_errors" if math.isnan(sound_error_m(person.error_m)) else None
+
+
+def _bodies(people: Sequence[Person], joint_map: JointMap, origin: Floats) -> Iterator[Mapped]:
+    positions = np.stack([person.positions for person in people])  # (P, J_source, 3)
+    observed = np.stack([person.observed for person in people])
+    sizes = np.abs(positions)
     # false for NaN and infinity as well
-    sound = (np.abs(person.positions) < ROOM_LIMIT_M).all(axis=1)
-    usable = person.observed & sound
-    unusable = int(np.count_nonzero(person.observed)) - int(np.count_nonzero(usable))
-    nowhere = usable & at_origin(person.positions, origin)
-    unseen = int(np.count_nonzero(nowhere))
+    usable = observed & (sizes < ROOM_LIMIT_M).all(axis=-1)
+    unusable = observed.sum(axis=1) - usable.sum(axis=1)
+    nowhere = usable & at_origin(positions, origin)
     usable &= ~nowhere
-    away = (np.abs(person.positions) >= ROOM_LIMIT_M).any(axis=1) & person.observed
+    away = (sizes >= ROOM_LIMIT_M).any(axis=-1) & observed
     # of a body in another unit, the one joint near the origin shows no size
-    if not usable.any() or 2 * away.sum() > person.observed.sum():
-        return Mapped(None, "unusable_bodies" if unusable else None, unusable, unseen)
-    positions, observed = joint_map.map(np.where(usable[:, None], person.positions, 0.0), usable)
-    observed = observed & np.isfinite(positions).all(axis=1)
-    if not observed.any():
-        return Mapped(None, None, unusable, unseen)
-    if not is_human_sized(positions, observed):
-        return Mapped(None, "wrong_size_bodies", unusable, unseen)
-    far, misnamed = out_of_reach(positions, observed)
-    unseen += int(np.count_nonzero(far))
-    if far.any():
+    lost = ~usable.any(axis=1) | (2 * away.sum(axis=1) > observed.sum(axis=1))
+    joints, seen = joint_map.map(np.where(usable[..., None], positions, 0.0), usable)
+    seen = seen & np.isfinite(joints).all(axis=-1)
+    sized, apart = are_human_sized(joints, seen), contradicts(joints, seen)
+    for n, person in enumerate(people):
+        counts = int(unusable[n]), int(nowhere[n].sum())
+        if lost[n]:
+            yield Mapped(None, "unusable_bodies" if unusable[n] else None, *counts)
+        elif not seen[n].any():
+            yield Mapped(None, None, *counts)
+        elif not sized[n]:
+            yield Mapped(None, "wrong_size_bodies", *counts)
+        else:
+            mapped = _without_far_joints(person, joints[n], seen[n], counts, apart=bool(apart[n]))
+            if mapped.body is not None and nowhere[n].any() and _is_waist(joint_map, nowhere[n]):
+                mapped = mapped._replace(hip_centred=_around(mapped.body, origin))
+            yield mapped
+
+
+def _without_far_joints(
+    person: Person, positions: Floats, observed: Bools, counts: tuple[int, int], *, apart: bool
+) -> Mapped:
+    """Return a body of human size without the joints that are out of reach of the others."""
+    unusable, unseen = counts
+    misnamed = False
+    if apart:
+        far, misnamed = out_of_reach(positions, observed)
+        unseen += int(np.count_nonzero(far))
         observed = observed & ~far
         if not observed.any():
             return Mapped(None, None, unusable, unseen)
-        if not is_human_sized(positions, observed):  # the lost joints outvoted the others
+        # or the lost joints outvoted the others
+        if far.any() and not are_human_sized(positions[None], observed[None])[0]:
             return Mapped(None, "wrong_size_bodies", unusable, unseen)
-    body = Body(person.id, np.where(observed[:, None], positions, 0.0), observed, error_m)
-    around = bool(nowhere.any()) and _is_waist(joint_map, nowhere) and _around(body, origin)
-    return Mapped(body, None, unusable, unseen, around, misnamed)
+    positions = np.where(observed[:, None], positions, 0.0)
+    body = Body(person.id, positions, observed, sound_error_m(person.error_m))
+    return Mapped(body, None, unusable, unseen, misnamed=misnamed)
 
 
 def _is_waist(joint_map: JointMap, joints: Bools) -> bool:

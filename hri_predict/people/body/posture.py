@@ -17,10 +17,11 @@ is a triple product, which no rotation changes and every mirror inverts.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from hri_predict.base.arrays import Bools, Floats, mean_of
+from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.geometry import cross, norm
 from hri_predict.base.skeleton import JOINTS
 
@@ -97,77 +98,110 @@ class Posture:
 
 
 def posture_of(positions: Floats, observed: Bools) -> Posture:
-    """Return the posture of one body.
+    """Return the posture of one body; see ``postures_of``."""
+    return postures_of(positions[None], observed[None])[0]
+
+
+def postures_of(positions: Floats, observed: Bools) -> list[Posture]:
+    """Return the postures of n bodies.
 
     Args:
-        positions: (J, 3) metres, canonical joints; finite where observed.
-        observed: (J,) at least one.
+        positions: (n, J, 3) metres, canonical joints; finite where observed.
+        observed: (n, J), at least one joint of each body.
     """
-    joints = positions[observed]
-    heights = np.sort(joints[:, 2])
-    above = np.sort(joints[:, 2] - _HIGHEST[observed])
-    ankles = _ANKLES[observed[_ANKLES]]
+    heights = _Heights(positions, observed)
     positions, observed = _with_trunk(positions, observed)
     seen = _bones_seen(observed)
-    bones = positions[_LOWER] - positions[_UPPER]
-    if seen[_HEAD] and not seen[_TRUNK]:
-        arms, head = bones[_ARMS], bones[_HEAD]  # raised arms would outvote a head, not a trunk
-        seen[_ARMS] &= arms @ head > HANGING * norm(arms) * norm(head)
-    bones = bones[seen]
-    return Posture(
-        down=bones.sum(axis=0),
-        bones=len(bones),
-        bones_m=float(norm(bones).sum()),
-        has_leg=any(bool(seen[leg].all()) for leg in _LEGS),
-        handed_m=_handed(positions, observed),
-        feet_m=float(positions[ankles, 2].mean()) if len(ankles) else None,
-        middle=mean_of(joints),
-        heights=(float(heights[len(heights) // 20]), float(heights[9 * (len(heights) - 1) // 10])),
-        lowest_m=float(heights[:2][-1]),
-        above_m=float(above[-2:][0]),
-    )
+    bones = positions[:, _LOWER] - positions[:, _UPPER]
+    lengths = norm(bones)
+    handed, sides = _handed(positions, observed, bones, seen)
+    alone = seen[:, _HEAD] & ~seen[:, _TRUNK]
+    if alone.any():  # raised arms would outvote a head, not a trunk
+        along = (bones[:, _ARMS] * bones[:, _HEAD, None]).sum(axis=-1)
+        hang = along > HANGING * lengths[:, _ARMS] * lengths[:, _HEAD, None]
+        seen[:, _ARMS] &= hang | ~alone[:, None]
+    down = np.where(seen[..., None], bones, 0.0).sum(axis=1)
+    count, bones_m = seen.sum(axis=1), np.where(seen, lengths, 0.0).sum(axis=1)
+    has_leg = np.any([seen[:, leg].all(axis=1) for leg in _LEGS], axis=0)
+    return [
+        Posture(
+            down=down[n],
+            bones=int(count[n]),
+            bones_m=float(bones_m[n]),
+            has_leg=bool(has_leg[n]),
+            handed_m=float(handed[n]) if sides[n] else None,
+            **heights.of(n),
+        )
+        for n in range(len(down))
+    ]
+
+
+class _Heights:
+    """Heights and middles of n bodies."""
+
+    def __init__(self, positions: Floats, observed: Bools) -> None:
+        count, body = observed.sum(axis=1), np.arange(len(observed))
+        clean = np.where(observed[..., None], positions, 0.0)
+        self._middle = clean.sum(axis=1) / count[:, None]
+        z = clean[..., 2]
+        ordered = np.sort(np.where(observed, z, np.inf), axis=1)  # unseen ones last
+        self._low = ordered[body, count // 20]
+        self._high = ordered[body, 9 * (count - 1) // 10]
+        self._lowest = ordered[body, np.minimum(count, 2) - 1]
+        above = np.sort(np.where(observed, z - _HIGHEST, -np.inf), axis=1)  # unseen ones first
+        self._above = above[body, -np.minimum(count, 2)]
+        self._ankles = observed[:, _ANKLES].sum(axis=1)
+        self._feet = z[:, _ANKLES].sum(axis=1) / np.maximum(self._ankles, 1)
+
+    def of(self, n: int) -> dict[str, Any]:
+        """Return the values of one body, as ``Posture`` names them."""
+        return {
+            "feet_m": float(self._feet[n]) if self._ankles[n] else None,
+            "middle": self._middle[n],
+            "heights": (float(self._low[n]), float(self._high[n])),
+            "lowest_m": float(self._lowest[n]),
+            "above_m": float(self._above[n]),
+        }
 
 
 def shows_down(observed: Bools) -> bool:
     """Return whether a body with these seen joints (J,) shows its down direction."""
-    return bool(_bones_seen(_with_trunk(np.zeros((len(JOINTS), 3)), observed)[1]).any())
+    _, seen = _with_trunk(np.zeros((1, len(JOINTS), 3)), observed[None])
+    return bool(_bones_seen(seen).any())
 
 
 def _bones_seen(observed: Bools) -> Bools:
-    """Return the bones to sum up; none without a trunk or a head."""
-    seen = observed[_UPPER] & observed[_LOWER]
-    if not (seen[_TRUNK] or seen[_HEAD]):
-        return np.zeros_like(seen)
-    for leg in _LEGS:
-        seen[leg] = seen[leg].all()  # a thigh alone says that somebody sits, not where down is
+    """Return the bones to sum up (n, bones); none without a trunk or a head."""
+    seen = observed[:, _UPPER] & observed[:, _LOWER]
+    seen &= (seen[:, _TRUNK] | seen[:, _HEAD])[:, None]
+    for leg in _LEGS:  # a thigh alone says that somebody sits, not where down is
+        seen[:, leg] = seen[:, leg].all(axis=1, keepdims=True)
     return seen
 
 
 def _with_trunk(positions: Floats, observed: Bools) -> tuple[Floats, Bools]:
-    """Return the body with the midpoint of shoulders or hips for an unseen neck or waist."""
+    """Return bodies with the midpoint of shoulders or hips for an unseen neck or waist."""
     for name, *others in _INSTEAD:
         sides = [_AT[other] for other in others]
-        if not observed[_AT[name]] and observed[sides].all():
+        lacks = observed[:, sides].all(axis=1) & ~observed[:, _AT[name]]
+        if lacks.any():
             positions, observed = positions.copy(), observed.copy()
-            positions[_AT[name]] = positions[sides].mean(axis=0)
-            observed[_AT[name]] = True
+            positions[lacks, _AT[name]] = positions[lacks][:, sides].mean(axis=1)
+            observed[lacks, _AT[name]] = True
     return positions, observed
 
 
-def _handed(positions: Floats, observed: Bools) -> float | None:
-    """Return ``Posture.handed_m``: knees and toes ahead, elbows behind; half the sum of both
-    sides."""
-    use = observed[_JOINTS].all(axis=1)
-    left, right, top, bottom, tip = positions[_JOINTS].swapaxes(0, 1)
+def _handed(positions: Floats, observed: Bools, bones: Floats, seen: Bools) -> tuple[Floats, Bools]:
+    """Return ``Posture.handed_m`` (n,), and where it is known (n,): knees and toes ahead, elbows
+    behind; half the sum of both sides."""
+    use: Bools = np.logical_and.reduce(observed[:, _JOINTS], axis=2)
+    left, right, top, bottom, tip = np.moveaxis(positions[:, _JOINTS], 2, 0)
     if (use & _IS_ARM).any():
-        seen = _bones_seen(observed)
-        bone = _TRUNK if seen[_TRUNK] else _HEAD
-        trunk = positions[_LOWER[bone]] - positions[_UPPER[bone]]
+        trunk = np.where(seen[:, _TRUNK, None], bones[:, _TRUNK], bones[:, _HEAD])
         arms = bottom - top
-        hangs = arms @ trunk > HANGING * norm(arms) * norm(trunk)
-        use &= ~_IS_ARM | (hangs & seen[bone])
-    if not use.any():
-        return None
+        along = (arms * trunk[:, None]).sum(axis=-1)
+        hangs = along > HANGING * norm(arms) * norm(trunk)[:, None]
+        use &= ~_IS_ARM | (hangs & (seen[:, _TRUNK] | seen[:, _HEAD])[:, None])
     front = cross(left - right, top - bottom)
-    ahead = ((tip - bottom) * front).sum(axis=1) / np.maximum(norm(front), 1e-9)
-    return float(_WEIGHTS[use] @ ahead[use])
+    ahead = ((tip - bottom) * front).sum(axis=-1) / np.maximum(norm(front), 1e-9)
+    return np.where(use, _WEIGHTS * ahead, 0.0).sum(axis=1), np.asarray(use.any(axis=1))

@@ -14,6 +14,7 @@ nothing else.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -22,7 +23,7 @@ import numpy as np
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.geometry import in_polygon
 from hri_predict.base.settings import Region
-from hri_predict.people.body.posture import Posture, posture_of
+from hri_predict.people.body.posture import Posture, posture_of, postures_of
 from hri_predict.people.ring_buffer import NEVER
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body
@@ -117,10 +118,33 @@ class PostureWatch:
         self.upright_seen = False
         self.unjudged = 0
 
-    def judge(self, body: Body, capture_ns: int) -> Verdict | None:
+    def due(self, bodies: Iterable[Body], capture_ns: int) -> dict[int, Posture]:
+        """Return the postures, by id, of those bodies that ``judge`` will look at."""
+        due: dict[int, Body] = {}
+        for body in bodies:
+            if self._on and self._is_due(body.id, capture_ns):
+                due.setdefault(body.id, body)  # a second body with an id is not judged
+        if not due:
+            return {}
+        positions = np.stack([body.positions for body in due.values()])
+        observed = np.stack([body.observed for body in due.values()])
+        return dict(zip(due, postures_of(positions, observed), strict=True))
+
+    def _is_due(self, person: int, capture_ns: int) -> bool:
+        record = self._records.get(person)
+        return (
+            record is None
+            or capture_ns - record.seen_ns > FORGET_NS
+            or capture_ns - record.judged_ns >= JUDGE_NS
+        )
+
+    def judge(self, body: Body, capture_ns: int, posture: Posture | None = None) -> Verdict | None:
         """Add one body, room frame; return its fault if it has been wrong for long enough.
 
-        ``capture_ns`` rises from call to call for each person.
+        Args:
+            body: its joints, at least one of them observed.
+            capture_ns: rises from call to call for each person.
+            posture: its posture if it has been computed, see ``due``.
         """
         if not self._on:
             return None
@@ -130,7 +154,7 @@ class PostureWatch:
         if record is not None and capture_ns - record.judged_ns < JUDGE_NS:
             record.seen_ns = capture_ns
             return record.refused
-        posture = posture_of(body.positions, body.observed)
+        posture = posture or posture_of(body.positions, body.observed)
         self.unjudged += not posture.bones
         record = record or self._begin(body.id, posture, capture_ns)
         elapsed_s = _smooth(record, posture, capture_ns)

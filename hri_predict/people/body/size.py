@@ -5,9 +5,11 @@ body into one point at its own origin. No other check detects this: such a body 
 a real one.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats, Ints
 from hri_predict.base.geometry import norm
 from hri_predict.base.skeleton import CANONICAL
 
@@ -28,32 +30,46 @@ _LONG = np.array(
 _START, _END = _LONG.T
 
 
-def is_human_sized(positions: Floats, observed: Bools) -> bool:
-    """Return whether the observed joints can belong to one human body.
+def are_human_sized(positions: Floats, observed: Bools) -> Bools:
+    """Return (n,) whether the observed joints of each body can belong to one human.
 
     A single joint has no size, and without an observed long bone a body cannot be too small.
 
     Args:
-        positions: (J, 3) metres, canonical joints; finite where observed.
-        observed: (J,) at least one.
+        positions: (n, J, 3) metres, canonical joints; finite where observed.
+        observed: (n, J); a body without any is not judged, and counts as human-sized.
     """
-    seen = positions[observed]
-    if not _fits(seen) and _strays(seen) > STRAY * len(seen):
+    fits = _fit(positions, observed)
+    if not fits.all():
+        odd = ~fits
+        count = observed[odd].sum(axis=1)
+        fits[odd] = _strays(positions[odd], observed[odd], count) <= STRAY * count
+    whole = observed[:, _START] & observed[:, _END]
+    bones = np.where(whole, norm(positions[:, _START] - positions[:, _END]), 0.0)
+    result: Bools = fits & (~whole.any(axis=1) | (bones.max(axis=1) > LONG_BONE_M))
+    return result
+
+
+def most_are_not_human_sized(bodies: Sequence[tuple[Floats, Bools]]) -> bool:
+    """Return whether most bodies (J, 3), (J,) are not of human size; false without bodies."""
+    if not bodies:
         return False
-    whole = observed[_START] & observed[_END]
-    bones = norm(positions[_START] - positions[_END])[whole]
-    return not bones.size or float(bones.max()) > LONG_BONE_M
+    positions, observed = map(np.stack, zip(*bodies, strict=True))
+    return bool(2 * np.count_nonzero(~are_human_sized(positions, observed)) > len(bodies))
 
 
-def _fits(seen: Floats) -> bool:
+def _fit(positions: Floats, observed: Bools) -> Bools:
     """Return whether the box around all joints, and their middle, is too small for a stray."""
-    x, y, z = (np.maximum.reduce(seen) - np.minimum.reduce(seen)).tolist()
-    return bool(x * x + y * y + z * z < MIDDLE_M**2)
+    seen = observed[..., None]
+    highest = np.where(seen, positions, -np.inf).max(axis=1)
+    box = highest - np.where(seen, positions, np.inf).min(axis=1)
+    return np.asarray((norm(box) < MIDDLE_M) | ~observed.any(axis=1))
 
 
-def _strays(seen: Floats) -> int:
+def _strays(positions: Floats, observed: Bools, count: Ints) -> Ints:
     """Return the number of joints far from the middle, the median of each coordinate."""
-    count = len(seen)
-    ordered = np.sort(seen, axis=0)
-    middle = (ordered[(count - 1) // 2] + ordered[count // 2]) / 2
-    return int(np.count_nonzero(norm(seen - middle) > MIDDLE_M))
+    ordered = np.sort(np.where(observed[..., None], positions, np.inf), axis=1)  # unseen ones last
+    body = np.arange(len(ordered))
+    middle = (ordered[body, (count - 1) // 2] + ordered[body, count // 2]) / 2
+    away = norm(positions - middle[:, None]) > MIDDLE_M
+    return np.asarray((away & observed).sum(axis=1))

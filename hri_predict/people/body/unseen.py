@@ -30,7 +30,8 @@ def at_origin(positions: Floats, origin: Floats) -> Bools:
 
 def contradicts(positions: Floats, observed: Bools) -> Bools:
     """Return (n,) whether two joints of a body are too far apart, for bodies (n, J, 3), (n, J)."""
-    apart2: Floats = ((positions[:, :, None] - positions[:, None]) ** 2).sum(axis=-1)
+    between = positions[:, :, None] - positions[:, None]
+    apart2: Floats = np.einsum("nijk,nijk->nij", between, between)
     both = observed[:, :, None] & observed[:, None]
     found: Bools = np.asarray((both & (apart2 > _MOST_APART_2)).any(axis=(1, 2)))
     return found

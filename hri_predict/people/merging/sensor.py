@@ -15,7 +15,7 @@ from hri_predict.base.arrays import Floats
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Doubt, Person, Scene
 from hri_predict.contracts.source import Source, SourceSettings
-from hri_predict.people.body.canonical import canonical_body
+from hri_predict.people.body.canonical import Mapped, canonical_bodies, canonical_body
 from hri_predict.people.body.floor_watch import FloorWatch
 from hri_predict.people.body.made_up import MadeUpWatch, Sign
 from hri_predict.people.clock.scene_gate import SceneGate
@@ -185,10 +185,12 @@ class Sensor:
         bodies: dict[Key, Body] = {}
         wrong: set[Reason] = set()
         times: Counter[int] = Counter()
-        for person in self._made_up.known_first(scene.people):
+        people = self._made_up.known_first(scene.people)
+        mapped = canonical_bodies(people, self.source.joint_map, self._origin)
+        for person, of_person in zip(people, mapped, strict=True):
             key = (person.id, times[person.id])
             times[person.id] += 1
-            body = self._body(person, wrong)
+            body = self._body(person, of_person, wrong)
             if key[1] > 0:
                 self._note("duplicate_ids", Reason.INPUT_IMPOSSIBLE, wrong)
             bodies[key] = body
@@ -207,9 +209,8 @@ class Sensor:
         doubts += [replace(d, text=f"sensor {self.name}: {d.text}") for d in self._floor.doubts()]
         return Capture(capture_ns, scene.sees_room, bodies, (*doubts, *scene.doubts))
 
-    def _body(self, person: Person, wrong: set[Reason]) -> Body:
+    def _body(self, person: Person, mapped: Mapped, wrong: set[Reason]) -> Body:
         """Return the canonical body; without joints if none is usable."""
-        mapped = canonical_body(person, self.source.joint_map, self._origin)
         self.counters.update(mapped.counts)
         if mapped.trouble is not None:
             self._note(mapped.trouble, Reason.INPUT_IMPOSSIBLE, wrong)

@@ -1,5 +1,7 @@
 """A body's own down and its handedness follow the body, wherever it is and wherever it faces."""
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 
 from hri_predict.base.settings import Pose
 from hri_predict.base.skeleton import CANONICAL, JOINTS
-from hri_predict.people.body.posture import Posture, posture_of, shows_down
+from hri_predict.people.body.posture import Posture, posture_of, postures_of, shows_down
 from hri_sim.people.body import Body
 
 J = len(JOINTS)
@@ -125,3 +127,17 @@ def test_a_raised_arm_says_nothing_of_left_and_right():
             shoulder = raised[JOINTS.index(f"{side}_shoulder")]
             raised[JOINTS.index(f"{side}_{joint}")] = shoulder + np.array([0.05, 0.0, up])
     assert posture(raised, unseen("hip", "knee", "ankle", "foot")).handed_m is None
+
+
+@given(seed=st.integers(0, 2**32 - 1), people=st.integers(1, 6))
+def test_many_bodies_have_the_postures_of_each_alone(seed, people):
+    rng = np.random.default_rng(seed)
+    bodies = BODY + rng.normal(0.0, 0.2, (people, J, 3))
+    seen = rng.random((people, J)) < rng.uniform(0.2, 1.0, (people, 1))
+    seen[:, rng.integers(J)] = True
+    garbage = np.where(seen[..., None], bodies, rng.choice([np.nan, 1e9]))
+    for body, observed, found in zip(bodies, seen, postures_of(garbage, seen), strict=True):
+        mine, alone = astuple(found), astuple(posture_of(body, observed))
+        for value, expected in zip(mine, alone, strict=True):
+            # sums of at most 17 coordinates below 3 m, in any order
+            assert value == (None if expected is None else pytest.approx(expected, abs=1e-13))

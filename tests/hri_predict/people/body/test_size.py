@@ -5,7 +5,7 @@ import pytest
 
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person
-from hri_predict.people.body.size import MIDDLE_M, STRAY, is_human_sized
+from hri_predict.people.body.size import MIDDLE_M, STRAY, are_human_sized, most_are_not_human_sized
 from hri_predict.protocol.reasons import Reason
 from hri_sim.people.body import Body
 
@@ -17,6 +17,10 @@ BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.0))
 
 def only(*names):
     return np.isin(JOINTS, names)
+
+
+def is_human_sized(body, observed):
+    return bool(are_human_sized(body[None], observed[None])[0])
 
 
 @pytest.mark.parametrize("scale", [1000.0, 100.0, 39.37, 10.0, 1 / 39.37, 0.01, 0.001])
@@ -74,3 +78,18 @@ def test_as_many_joints_may_stray_from_the_median_as_documented(size):
         strays = np.count_nonzero(far) > STRAY * np.count_nonzero(seen)
         # bones are far longer than LONG_BONE_M
         assert is_human_sized(joints, seen) is not strays
+
+
+def test_each_body_is_judged_alone():
+    rng = np.random.default_rng(0)
+    bodies = [BODY * size for size in (0.001, 0.3, 1.0, 2.0, 1000.0) for _ in range(8)]
+    seen = [rng.random(J) < share for share in np.linspace(0.0, 1.0, len(bodies))]
+    together = are_human_sized(np.array(bodies), np.array(seen))
+    assert together.tolist() == [is_human_sized(*body) for body in zip(bodies, seen, strict=True)]
+
+
+def test_most_bodies_decide():
+    right, wrong = (BODY, ALL), (BODY * 1000.0, ALL)
+    assert most_are_not_human_sized([right, wrong, wrong])
+    assert not most_are_not_human_sized([right, wrong])
+    assert not most_are_not_human_sized([])
