@@ -10,7 +10,7 @@ from hri_predict.run.working_distance.measure import FAST
 from hri_predict.run.working_distance.waterfall import TERMS, Waterfall, rest_text
 from hri_sim.simulation.distance.work import Case
 
-_STYLES = ("-", "--", "-.", ":")
+_STYLES, _MARKERS = ("-", "--", "-.", ":"), ("", "o", "s")
 _DPI = 130
 
 
@@ -73,8 +73,9 @@ def speeds(found: Found) -> Figure:
                 at_m, _, held = zip(*values["curve"], strict=True)
                 label = mode if mode == "foreknown" else f"{mode}, {case.sight.name}"
                 colour = PALETTE[modes.index(mode) % len(PALETTE)]
-                style = _STYLES[k % len(_STYLES)]
-                panel.plot(at_m, held, style, color=colour, lw=1.5, label=label)
+                again, first = divmod(k, len(_STYLES))
+                style = _STYLES[first] + _MARKERS[again % len(_MARKERS)]
+                panel.plot(at_m, held, style, color=colour, lw=1.5, ms=4, label=label)
         panel.set_title(person, fontsize=10)
         panel.axhline(FAST * max(h for _, r in mine for v in r.values() for _, _, h in v["curve"]),
                       color="black", lw=0.6)  # fmt: skip
