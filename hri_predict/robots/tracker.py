@@ -26,7 +26,7 @@ from hri_predict.robots.states.line import Line, Received
 from hri_predict.robots.states.plausibility import HELD_S, StateCheck
 from hri_predict.robots.states.reader import StateReader
 from hri_predict.robots.states.still import StillCheck
-from hri_predict.robots.trajectory import load_trajectory, standing_at
+from hri_predict.robots.trajectory import load_trajectory, slower, standing_at
 
 PLACE_STEP_S = 0.3
 """Maximum step, in seconds of its plan, between places of a robot that backs out."""
@@ -383,10 +383,10 @@ class RobotTracker:
         trajectory = load_trajectory(file, self.model, base_dir, key)
         peak = trajectory.peak_tip_speed(self.model)
         if peak > self.settings.max_speed_m_s:
+            limit, better = self.settings.max_speed_m_s, slower(file, self.settings.model)
             raise RobotError(
-                f"{key}: robot '{self.settings.name}' reaches {peak:.3g} m/s at its fastest point "
-                f"on trajectory '{file}', above max_speed_m_s {self.settings.max_speed_m_s:g}; "
-                "raise max_speed_m_s, or name a trajectory whose points take longer"
+                f"{key}: trajectory '{file}' moves robot '{self.settings.name}' at {peak:.3g} m/s, "
+                f"above max_speed_m_s {limit:g}; use {better}"
             )
         return Plan(trajectory, self.model)
 

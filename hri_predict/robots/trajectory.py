@@ -15,7 +15,7 @@ from pydantic import Field, field_validator
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError, RobotError
-from hri_predict.base.files import read_yaml, shipped_path
+from hri_predict.base.files import data_path, read_yaml, shipped_path
 from hri_predict.base.machine.compiled import plain
 from hri_predict.base.quantities.units import meant
 from hri_predict.base.settings import MAX_ANGLE_RAD, MAX_ROOM_M, Settings, validated
@@ -170,6 +170,18 @@ def standing_at(motion: StandingMotion, model: RobotModel, name: str) -> Floats:
         j = outside[0]
         raise RobotError(f"motion.positions: robot '{name}': {_outside(model, int(j), q[j])}")
     return q
+
+
+def shipped_for(model: str) -> str | None:
+    """Return the shipped trajectory that was made for this robot model; ``None`` without one."""
+    name = f"{model}_pick_and_place"
+    return name if data_path("trajectories", f"{name}.yaml").exists() else None
+
+
+def slower(file: str, model: str) -> str:
+    """Return, in words, a trajectory to use instead of one that is too fast for its robot."""
+    own = shipped_for(model)
+    return "one whose points take longer" if own is None or own == file else own
 
 
 def trajectory_path(file: str, base_dir: Path | None) -> Path:

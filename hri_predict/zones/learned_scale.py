@@ -52,9 +52,9 @@ second, a forecast is always found.
 KNOT_STEPS = (1, 2, 3, 5, 8, 11, 15, 20, 25, 30)
 """Steps at which the network is evaluated; the scale's logarithm is linear between them."""
 
-MOST_NUMBER = 100.0
-"""Maximum magnitude of a number of the network; fitted ones are below 2, and a damaged one may make
-every zone small."""
+MOST_NUMBER = 10.0
+"""Maximum magnitude of a number of the network; fitted ones are below 2. A damaged one may make
+every zone small, and large ones that cancel need more than single precision."""
 
 KINDS = tuple(dict.fromkeys(n.removeprefix("l_").removeprefix("r_") for n in JOINTS))
 

@@ -147,7 +147,8 @@ class Processes(Workers):
     ) -> Iterator[tuple[int, R]]:
         """Yield finished tasks, and remove them from ``left``."""
         pool = self._pool or self._started()
-        waiting = {pool.submit(function, *task): place for place, task in left.items()}
+        with _interrupts_held():  # each call may start a process
+            waiting = {pool.submit(function, *task): place for place, task in left.items()}
         try:
             while waiting:
                 done, _ = wait(waiting, return_when=FIRST_COMPLETED)
@@ -173,14 +174,32 @@ class Processes(Workers):
             self._pool = None
 
 
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back: a process started now inherits that until ``_begin``.
+
+    Otherwise it would print a traceback for an interrupt while it still imports.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _begin() -> None:
     """Set up a process: one thread, a quiet exit, and an exit together with the parent process."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     import torch
 
     torch.set_num_threads(1)
     logging.getLogger(_SAID_BEFORE).setLevel(logging.ERROR)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:

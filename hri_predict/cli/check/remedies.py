@@ -9,16 +9,19 @@ BEST = "average"
 """The shipped predictor with the smallest working distances (docs/guides/simulate.md)."""
 
 
-def remedy(key: str, config: Config, lacking: Sequence[str]) -> str:
+def remedy(key: str, config: Config, lacking: Sequence[str], hidden: Sequence[str] = ()) -> str:
     """Return how to reduce a term.
 
     Args:
         key: see ``waterfall.Term``.
         config: the cell.
         lacking: joints that its joint map does not deliver.
+        hidden: other joints that the camera does not see.
     """
+    if key == "unseen":
+        return _unseen(lacking, hidden)
     found = _OF_THE_CELL.get(key)
-    return _ALWAYS[key] if found is None else found(config, lacking)
+    return _ALWAYS[key] if found is None else found(config)
 
 
 _ALWAYS = {
@@ -33,12 +36,12 @@ _ALWAYS = {
 }
 
 
-def _age(config: Config, lacking: Sequence[str]) -> str:
+def _age(config: Config) -> str:
     faster = "use a source with more scenes per second or less delay"
     return faster if config.node.ticks == "capture" else f"set ticks: capture, and {faster}"
 
 
-def _stopping(config: Config, lacking: Sequence[str]) -> str:
+def _stopping(config: Config) -> str:
     unstated = any(robot.payload_kg is None for robot in config.node.robots)
     load = "state the true payload_kg (the highest is assumed), " if unstated else ""
     return (
@@ -47,19 +50,27 @@ def _stopping(config: Config, lacking: Sequence[str]) -> str:
     )
 
 
-def _unseen(config: Config, lacking: Sequence[str]) -> str:
-    if not lacking:
+def _unseen(lacking: Sequence[str], hidden: Sequence[str]) -> str:
+    ways = []
+    if hidden:
+        ways.append(f"move or add a camera so that it sees {_listed(hidden)}")
+    if lacking:
+        ways.append(f"use a tracker that also delivers {_listed(lacking)}")
+    if not ways:
         return "observe more of the body: add a camera"
-    joints = ", ".join(map(in_words, lacking))
-    return f"use another tracker or add a camera, to deliver what is inferred now ({joints})"
+    return f"{', and '.join(ways)} (simulate --distance --tracker full measures what that saves)"
 
 
-def _seen(config: Config, lacking: Sequence[str]) -> str:
+def _listed(joints: Sequence[str]) -> str:
+    return ", ".join(map(in_words, joints))
+
+
+def _seen(config: Config) -> str:
     site = "calibrate for this site (hri-predict calibrate --onto shipped)"
     return site if config.predictor.name == BEST else f"use predictor {BEST}, or {site}"
 
 
-def _margins(config: Config, lacking: Sequence[str]) -> str:
+def _margins(config: Config) -> str:
     risk = config.node.risk
     slow_m = 0.0 if risk.mode == "fixed" else risk.slow_margin_m  # the circle has no such margin
     remedies = ["measure the errors that the other margins stand for"]
@@ -72,10 +83,9 @@ def _margins(config: Config, lacking: Sequence[str]) -> str:
     return ", and ".join(remedies)
 
 
-_OF_THE_CELL: dict[str, Callable[[Config, Sequence[str]], str]] = {
+_OF_THE_CELL: dict[str, Callable[[Config], str]] = {
     "age": _age,
     "stopping": _stopping,
-    "unseen": _unseen,
     "seen": _seen,
     "margins": _margins,
 }

@@ -77,13 +77,16 @@ def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mappe
 
 def _trouble(person: Person, count: int) -> str | None:
     """Return the counter for a person whose joints cannot be read; ``None`` if they can."""
-    if person.positions.shape != (count, 3) or person.observed.shape != (count,):
+    positions, observed = person.positions, person.observed
+    if positions.shape != (count, 3) or observed.shape != (count,):
         return "malformed_bodies"
+    if positions.dtype.kind not in "fiu" or observed.dtype != np.bool_:
+        return "malformed_bodies"  # one such array would change the type of everyone's
     return "absurd_errors" if math.isnan(sound_error_m(person.error_m)) else None
 
 
 def _bodies(people: Sequence[Person], joint_map: JointMap, origin: Floats) -> Iterator[Mapped]:
-    positions = np.stack([person.positions for person in people])  # (P, J_source, 3)
+    positions = np.stack([person.positions for person in people]).astype(np.float64)
     observed = np.stack([person.observed for person in people])
     sizes = np.abs(positions)
     # false for NaN and infinity as well

@@ -191,10 +191,10 @@ class Sensor:
             key = (person.id, times[person.id])
             times[person.id] += 1
             body = self._body(person, of_person, wrong)
+            bodies[key] = body
             if key[1] > 0:
                 self._note("duplicate_ids", Reason.INPUT_IMPOSSIBLE, wrong)
-            bodies[key] = body
-            if body.observed.any():
+            elif body.observed.any():
                 wrong.update(self._made_up_reasons(body, capture_ns))
                 self._floor.note(body, capture_ns)
         if self._is_frozen(bodies):

@@ -17,7 +17,6 @@ import numpy as np
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError, nearest
-from hri_predict.base.files import data_path
 from hri_predict.contracts.predictor import Predictor
 from hri_predict.contracts.source import Source
 from hri_predict.protocol.messages import RobotMode, RobotState
@@ -26,7 +25,7 @@ from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.separation.stage import Findings
 from hri_predict.robots.model import RobotModel, StandingMotion, StateMotion
 from hri_predict.robots.tracker import RobotNow, RobotTracker
-from hri_predict.robots.trajectory import Trajectory, load_trajectory
+from hri_predict.robots.trajectory import Trajectory, load_trajectory, shipped_for
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.run.session import VIRTUAL_START_NS
@@ -341,9 +340,8 @@ def path_of(config: Config, model: RobotModel, index: int) -> Trajectory:
     path = known_path(config, model, index)
     if path is None:
         robot = config.node.robots[index]
-        own = f"{robot.model}_pick_and_place"
-        made_for_it = data_path("trajectories", f"{own}.yaml").exists()
-        plan = own if made_for_it else "pick_and_place" if robot.model in _UR5 else "path.yaml"
+        otherwise = "pick_and_place" if robot.model in _UR5 else "path.yaml"
+        plan = shipped_for(robot.model) or otherwise
         raise ConfigError(
             f"robots.{index}: no path of robot {robot.name} is known, so its permitted speed near "
             "people cannot be measured; in a copy of the configuration, write motion: {kind: "

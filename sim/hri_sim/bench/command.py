@@ -92,7 +92,7 @@ def bench(
     ] = None,
     baseline: Annotated[
         Path | None,
-        typer.Option(help="Print only ratios to the figures in this file, which --save wrote."),
+        typer.Option(help="Also print ratios to the figures in this file, which --save wrote."),
     ] = None,
     worse_than: Annotated[
         float | None,

@@ -35,7 +35,8 @@ class Change:
     Attributes:
         section, part: names of the section and of the part.
         p50, p99: ratio of new to old; ``None`` where one of them is missing.
-        verdict: ``worse``, ``better``, ``as before``; ``new``, ``gone`` or ``not compared``.
+        verdict: ``worse`` if p50 or p99 is; ``better`` if one is and the other is not larger;
+            ``as before``; ``new``, ``gone`` or ``not compared``.
         why: the reason why it was not compared.
     """
 
@@ -138,7 +139,7 @@ def _change(section: str, old: Row | None, row: Row, factor: float) -> Change:
         return Change(section=section, part=row.part, verdict="not compared", why=why)
     if any(r > factor for r in worse):
         verdict = "worse"
-    elif any(r < 1.0 / factor for r in worse):
+    elif any(r < 1.0 / factor for r in worse) and all(r <= 1.0 for r in worse):
         verdict = "better"
     else:
         verdict = "as before"

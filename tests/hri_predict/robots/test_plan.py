@@ -213,5 +213,5 @@ def test_a_tracker_finds_its_robot_on_the_plan_and_loses_it():
 
 def test_a_plan_that_is_too_fast_is_refused():
     slow = ROBOT.model_copy(update={"max_speed_m_s": 0.3})
-    with pytest.raises(RobotError, match=r"trajectory 'pick_and_place', above max_speed_m_s 0\.3"):
+    with pytest.raises(RobotError, match=r"at 0\.952 m/s, above max_speed_m_s 0\.3; use one whose"):
         RobotTracker(slow, MODEL)

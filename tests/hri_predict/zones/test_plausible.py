@@ -64,7 +64,7 @@ def one_row(key):
         (whole("toward_thousandths", lambda _: 1), "toward_thousandths makes zones far too small"),
         (whole("toward_thousandths", lambda v: v / 5), "toward_thousandths makes zones far too"),
         (whole("toward_thousandths", lambda _: 60), "60 on average"),
-        (bias(-100.0), "scale and estimated_thousandths give a radius of"),
+        (bias(-9.0), "scale and estimated_thousandths give a radius of"),
         (bias(-8.0), "scale and estimated_thousandths give a radius of"),
         (lambda d: d["shape"].update(whole_shape(d)), "shape holds the factor 0.001"),
     ],

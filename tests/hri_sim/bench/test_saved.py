@@ -31,6 +31,7 @@ def row(p50: float | None, p99: float | None = None, **more) -> Row:
         (row(1.0), row(0.6), "better"),
         (row(1.0, 2.0), row(1.0, 3.2), "worse"),  # the tail alone
         (row(1.0, 2.0), row(0.5, 3.2), "worse"),  # a better median does not make up for it
+        (row(1.0, 2.0), row(1.2, 0.5), "as before"),  # nor a better tail for the median
         (row(10.0, more_is_better=True), row(6.0, more_is_better=True), "worse"),
         (row(10.0, more_is_better=True), row(16.0, more_is_better=True), "better"),
         (None, row(1.0), "new"),

@@ -269,11 +269,13 @@ def remedies_of(case: Case, found: Waterfall, config: Config) -> list[str]:
     (variant,) = variants(config, case.modes, ())
     config = with_risk(config, variant)
     sees = np.array(joints_seen(case)).reshape(2, -1)[1]
-    lacking = [joint for joint, share in zip(JOINTS, sees, strict=True) if share == 0]
+    unseen = [joint for joint, share in zip(JOINTS, sees, strict=True) if share == 0]
+    hidden = [joint for joint in unseen if joint in case.sight.hidden]
+    lacking = [joint for joint in unseen if joint not in hidden]
     largest = sorted(TERMS, key=lambda term: -found.costs_m[term.key])[:REDUCED]
     return [
         f"{100 * found.costs_m[term.key]:.0f} cm of the contributions: {term.text}; "
-        f"{remedy(term.key, config, lacking)}."
+        f"{remedy(term.key, config, lacking, hidden)}."
         for term in largest
         if found.costs_m[term.key] > LEAST_M
     ]

@@ -44,3 +44,7 @@ def slow_square(number: int, folder: str) -> int:
     Path(folder, f"{os.getpid()}").touch()
     time.sleep(0.2)
     return square(number)
+
+
+def wait(seconds: float) -> None:
+    time.sleep(seconds)

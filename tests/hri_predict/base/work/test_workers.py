@@ -1,6 +1,11 @@
 """Offline work: the same results from this process and from several; an ended one loses nothing."""
 
 import logging
+import os
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -54,3 +59,33 @@ def test_two_processes_give_what_one_gives_and_a_killed_one_loses_nothing(tmp_pa
 def test_a_task_that_ends_every_process_is_given_up_with_one_line():
     with Processes(1) as workers, pytest.raises(ConfigError, match="--jobs: a process exited"):
         workers.in_order(jobs.always_ends, [()])
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.3, 1.0])
+def test_ctrl_c_while_processes_start_prints_no_traceback(after_s, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from hri_predict.base.work.workers import Processes\n"
+        "from tests.hri_predict.base.machine import jobs\n"
+        "if __name__ == '__main__':\n"
+        "    print('begins', flush=True)\n"
+        "    try:\n"
+        "        with Processes(2) as workers:\n"
+        "            workers.in_order(jobs.wait, [(60,), (60,)])\n"
+        "    except KeyboardInterrupt:\n"
+        "        raise SystemExit(130) from None\n"
+    )
+    started = subprocess.Popen(
+        [sys.executable, str(script)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # a group of its own, as a terminal gives each command
+    )
+    assert started.stdout is not None
+    assert started.stdout.readline() == "begins\n"
+    time.sleep(after_s)
+    os.killpg(started.pid, signal.SIGINT)
+    _, error = started.communicate(timeout=60)
+    assert (started.returncode, error) == (130, "")

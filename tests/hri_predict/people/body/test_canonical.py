@@ -15,7 +15,8 @@ CANONICAL, ORIGIN = load_joint_map("canonical"), np.array([0.5, 0.0, 1.0])
 J = len(JOINTS)
 _WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.4))
-SPOILS = ("nothing", "unseen", "origin", "waist", "far", "huge", "nan", "shape", "error", "flags")
+SPOILS = ("nothing", "unseen", "origin", "waist", "far", "huge", "nan", "shape", "error", "flags",
+          "ints", "letters")  # fmt: skip
 
 
 def spoilt(how, number, rng):
@@ -40,6 +41,10 @@ def spoilt(how, number, rng):
         positions = positions[:-1]
     elif how == "flags":
         seen = seen[:-1]
+    elif how == "ints":
+        seen = seen.astype(np.uint8)
+    elif how == "letters":
+        positions = positions.astype(str)
     return Person(number, positions, seen, error_m=error_m)
 
 
@@ -67,7 +72,8 @@ def test_a_body_is_mapped_alike_whoever_else_is_in_the_scene(hows, seed):
 @pytest.mark.parametrize(
     ("how", "trouble"),
     [("nothing", None), ("shape", "malformed_bodies"), ("flags", "malformed_bodies"),
-     ("error", "absurd_errors"), ("unseen", None), ("waist", None)],
+     ("ints", "malformed_bodies"), ("letters", "malformed_bodies"), ("error", "absurd_errors"),
+     ("unseen", None), ("waist", None)],
 )  # fmt: skip
 def test_the_trouble_is_that_of_the_person(how, trouble):
     rng = np.random.default_rng(3)
