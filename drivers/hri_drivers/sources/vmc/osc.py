@@ -7,6 +7,8 @@ type tag and recurses into nested bundles, which network input must not cause; t
 an independent sender.
 """
 
+import functools
+import itertools
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,8 +19,7 @@ MAX_DEPTH = 4
 MAX_MESSAGES = 1000
 
 Argument = int | float | str | bool | None
-_NUMBERS = {"i": struct.Struct(">i"), "f": struct.Struct(">f"), "d": struct.Struct(">d"),
-            "h": struct.Struct(">q")}  # fmt: skip
+_NUMBERS = {"i": "i", "f": "f", "d": "d", "h": "q"}  # type tag to format of ``struct``
 _CONSTANTS: dict[str, Argument] = {"T": True, "F": False, "N": None}
 
 
@@ -80,24 +81,34 @@ def _message(data: bytes) -> Message:
     tags, at = _text(data, at)
     if not tags.startswith(","):
         raise OscError("a message without type tags")
-    arguments = []
-    for tag in tags[1:]:
-        argument, at = _argument(data, at, tag)
-        arguments.append(argument)
+    arguments: list[Argument] = []
+    for part in _parts(tags[1:]):
+        if isinstance(part, struct.Struct):
+            if at + part.size > len(data):
+                raise OscError("a message that ends within an argument")
+            arguments += part.unpack_from(data, at)
+            at += part.size
+        elif part == "s":
+            text, at = _text(data, at)
+            arguments.append(text)
+        else:
+            arguments.append(_CONSTANTS[part])
     return Message(address, tuple(arguments))
 
 
-def _argument(data: bytes, at: int, tag: str) -> tuple[Argument, int]:
-    if tag in _CONSTANTS:
-        return _CONSTANTS[tag], at
-    if tag == "s":
-        return _text(data, at)
-    number = _NUMBERS.get(tag)
-    if number is None:
-        raise OscError(f"an argument of type {tag!a}")
-    if at + number.size > len(data):
-        raise OscError("a message that ends within an argument")
-    return number.unpack_from(data, at)[0], at + number.size
+@functools.lru_cache(maxsize=64)
+def _parts(tags: str) -> tuple[struct.Struct | str, ...]:
+    """Return what the type tags announce; numbers that follow each other are one structure."""
+    parts: list[struct.Struct | str] = []
+    for is_number, run in itertools.groupby(tags, key=_NUMBERS.__contains__):
+        if is_number:
+            parts.append(struct.Struct(">" + "".join(_NUMBERS[tag] for tag in run)))
+            continue
+        for tag in run:
+            if tag != "s" and tag not in _CONSTANTS:
+                raise OscError(f"an argument of type {tag!a}")
+            parts.append(tag)
+    return tuple(parts)
 
 
 def _text(data: bytes, at: int) -> tuple[str, int]:
