@@ -31,7 +31,10 @@ def test_the_key_of_the_cycle_is_the_one_that_acts(cell):
 
 
 def test_joints_that_are_inferred_are_named(cell):
-    assert "(left foot, head top)" in remedy("unseen", cell, ["l_foot", "head_top"])
+    lacking, hidden = ["l_foot", "head_top"], ["r_foot"]
+    assert "a tracker that also delivers left foot, head top (" in remedy("unseen", cell, lacking)
+    both = remedy("unseen", cell, lacking, hidden)
+    assert both.startswith("move or add a camera so that it sees right foot, and use a tracker ")
 
 
 def test_a_better_predictor_is_named_only_if_there_is_one(cell):
