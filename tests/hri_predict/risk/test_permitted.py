@@ -89,5 +89,6 @@ def test_both_versions_advise_the_same_and_nothing_is_compiled_after_the_warm_up
     assert len({level for level, *_ in compiled[2]}) > 1  # people come near, and are judged
     for one, other in zip(compiled[2], by_arrays[2], strict=True):
         assert one[:4] == other[:4]
-        # sums in another order differ in the last bits, here by far less than a step on the wire
-        assert one[4:] == pytest.approx(other[4:], abs=1e-9)
+        # sums of the learned scale in another order: a millionth, in single precision, of at most
+        # 5 m, which is far less than a step on the wire
+        assert one[4:] == pytest.approx(other[4:], abs=5e-6)
