@@ -282,7 +282,7 @@ def test_in_a_terminal_it_asks_again_until_an_answer_is_right(tmp_path):
         ("source.sees_room: ", "perhaps"),
         ("got 'perhaps'", None),
         ("source.sees_room: ", "true"),
-        ("or a kind: ", None),
+        ("or a kind:", None),  # the kinds follow, wrapped at the terminal's width
         ("modbus_client", None),
         ("Link 1 ('none' ends) [none]: ", "can:socketcan:can0"),
         ("by itself, s [0.06]: ", "0.001"),
