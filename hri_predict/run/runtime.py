@@ -350,6 +350,8 @@ def stop_on_signals(
 ) -> Iterator[None]:
     """Let SIGINT, SIGTERM and SIGHUP set ``stop``: the node notifies the controllers and exits.
 
+    A command that runs one node after another has a ``stop`` of its own around theirs, which is set
+    too.
     With ``hangup``, SIGHUP calls that function instead: without a controlling terminal, the signal
     comes from a service manager. SIGHUP (the terminal was closed) remains ignored if it was ignored
     before, as under ``nohup``.
@@ -359,14 +361,21 @@ def stop_on_signals(
         if number == signal.SIGHUP and hangup is not None:
             hangup()
         else:
-            stop.set()
+            for each in _stops:
+                each.set()
 
     numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
     if hangup is None and signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
         numbers.remove(signal.SIGHUP)
+    _stops.append(stop)
     before = {s: signal.signal(s, handler) for s in numbers}
     try:
         yield
     finally:
         for number, old in before.items():
             signal.signal(number, old)
+        _stops.remove(stop)
+
+
+_stops: list[threading.Event] = []
+"""The ``stop`` of each ``stop_on_signals`` that is active, the outermost first."""

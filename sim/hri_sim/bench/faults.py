@@ -1,6 +1,7 @@
 """``bench faults``, ``soak`` and ``memory``: effects of faults, and runs of many hours."""
 
 import sys
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Annotated, Any
@@ -11,6 +12,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import JsonOption
 from hri_predict.node.listeners import Tick
 from hri_predict.run import config as configuration
+from hri_predict.run.runtime import stop_on_signals
 from hri_predict.run.session import Options, View, run
 from hri_sim.bench.table import Columns, demand, facts, report
 from hri_sim.fault_table.soak import Resident
@@ -43,12 +45,15 @@ def faults(
 
     Example: hri-predict bench faults --only monitor
     """
-    rows = []
+    rows, stop = [], threading.Event()
     from hri_sim.fault_table.table import run_table
 
-    for row in run_table(only):
-        rows.append(row)
-        print(f"{'ok  ' if row.fine else 'FAIL'} {row.fault}", file=sys.stderr)
+    with stop_on_signals(stop):
+        for row in run_table(only):
+            if stop.is_set():  # the row was cut short
+                raise KeyboardInterrupt
+            rows.append(row)
+            print(f"{'ok  ' if row.fine else 'FAIL'} {row.fault}", file=sys.stderr)
     if not rows:
         raise ConfigError(
             f"--only {only}: no fault name contains this; run without --only to see all names"
