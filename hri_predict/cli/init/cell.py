@@ -1,6 +1,7 @@
 """The configuration that ``init`` writes, built from a few answers."""
 
 import math
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -95,6 +96,7 @@ _FORMS = {
     "serial": "serial:PORT, such as serial:/dev/ttyUSB0",
 }
 """Kinds of links that are written with the place of their device."""
+_BAUD_RATE = re.compile(r":(\d{4,})$")
 _DEVICES = {"can": "can", "vcan": "can", "slcan": "can", "tty": "serial", "/dev/": "serial"}
 """Start of a device's name, given instead of a link -> kind of the link."""
 
@@ -122,6 +124,9 @@ def link_block(text: str, taken: list[str]) -> dict[str, Any]:
     elif kind == "serial":
         if not rest:
             raise ConfigError(f"write {_FORMS['serial']}")
+        if (speed := _BAUD_RATE.search(rest)) and "://" not in rest:
+            key = f"links.{len(taken)}.baudrate={speed[1]}"
+            raise ConfigError(f"write serial:{rest[: speed.start()]}, and --set {key}")
         given = {"port": rest}
     elif rest:
         raise ConfigError("write only the kind, and set its keys with --set links.0.KEY=VALUE")

@@ -123,7 +123,7 @@ def show_changes(console: Console, changes: Sequence[Change], factor: float) -> 
         table.add_row(f"{change.section}: {change.part}", change.verdict, *ratios)
     console.print(table)
     compared = [c for c in changes if c.compares]
-    worse = [f"{c.section}: {c.part}" for c in changes if c.verdict == "worse"]
+    worse = [_with_ratios(c) for c in changes if c.verdict == "worse"]
     if worse:
         told = f"{len(worse)} of {len(compared)} got worse by more than {factor:g} times:"
         console.print("\n  ".join((told, *worse)), markup=False, highlight=False)
@@ -134,6 +134,12 @@ def show_changes(console: Console, changes: Sequence[Change], factor: float) -> 
     if left:
         told = f"{len(left)} of {len(changes)} were not compared:"
         console.print("\n  ".join((told, *left)), markup=False, highlight=False)
+
+
+def _with_ratios(change: Change) -> str:
+    ratios = {"p50": change.p50, "p99": change.p99}
+    told = ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios.items() if ratio is not None)
+    return f"{change.section}: {change.part} ({told})"
 
 
 def number(value: float | None) -> str:

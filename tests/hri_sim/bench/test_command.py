@@ -69,7 +69,7 @@ def test_comparing_two_runs(tmp_path, monkeypatch):
     monkeypatch.setitem(bench.SECTIONS, "fast", section(1.0, 4.0))
     worse = run("--only", "fast", "--baseline", before)
     assert worse.exit_code == 1
-    assert "1 of 2 got worse by more than 1.5 times:\n  fast: part 1" in worse.stdout
+    assert "1 of 2 got worse by more than 1.5 times:\n  fast: part 1 (p50 " in worse.stdout
     lenient = run("--only", "fast", "--baseline", before, "--worse-than", "2.5")
     assert lenient.exit_code == 0
     told = json.loads(run("--only", "fast", "--baseline", before, "--json").stdout)

@@ -225,6 +225,10 @@ def test_somebody_elses_schema_is_never_replaced_without_force(call, tmp_path):
             "--link /dev/ttyS0: unknown link '/dev/ttyS0'; write s",
         ),
         (
+            ["--yes", "--link", "can:socketcan:can0", "--link", "serial:COM3:460800"],
+            "--link serial:COM3:460800: write serial:COM3, and --set links.1.baudrate=460800",
+        ),
+        (
             ["--yes", "--link", "modbuss"],
             "--link modbuss: unknown link 'modbuss'; did you mean 'mo",
         ),
@@ -255,6 +259,21 @@ def test_a_wrong_answer_is_one_line_and_nothing_is_written(call, tmp_path, argum
     assert re.sub(r":\d+:", ":N:", err).startswith(re.sub(r":\d+:", ":N:", f"error: {said}"))
     assert err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_remedy_of_a_baud_rate_works(call, tmp_path):
+    flags = ["--link", "serial:COM3", "--set", "links.0.baudrate=460800"]
+    assert call("--yes", "--no-schema", *flags)[0] == 0
+    assert read(tmp_path)[1]["links"][0]["baudrate"] == 460800
+
+
+@pytest.mark.parametrize(
+    "port",
+    ["socket://127.0.0.1:4000", "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0"],
+)
+def test_other_colons_belong_to_the_port(call, tmp_path, port):
+    assert call("--yes", "--no-schema", "--link", f"serial:{port}")[0] == 0
+    assert read(tmp_path)[1]["links"][0]["port"] == port
 
 
 def test_contact_is_allowed_only_by_name(call, tmp_path):
