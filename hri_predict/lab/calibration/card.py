@@ -51,7 +51,8 @@ def section(judged: ZoneJudgement) -> str:
         "",
         *(f"- {line}" for line in levels_text(judged.calibration)),
         "",
-        "Measured coverage of the whole body, %, pooled, with 95 % intervals by recording:",
+        "Measured coverage of the whole body, %, pooled, with 95 % intervals by recording if there "
+        "are several:",
         "",
         "| stated, way | " + " | ".join(f"{m} ms" for m in ms) + " |",
         "|---|" + "---:|" * len(ms),
@@ -68,9 +69,9 @@ def _coverage(judged: ZoneJudgement, horizons: list[int]) -> list[str]:
             found = judged.coverage[level, "body", way]
             share = found.share("body")
             low, high = found.interval("body")
-            cells = [
-                f"{100 * share[k]:.1f} [{100 * low[k]:.0f}, {100 * high[k]:.0f}]"
-                for k in (judged.at(ms) for ms in horizons)
-            ]
+            ends = [f" [{100 * a:.0f}, {100 * b:.0f}]" for a, b in zip(low, high, strict=True)]
+            several = judged.recordings > 1
+            at = [judged.at(ms) for ms in horizons]
+            cells = [f"{100 * share[k]:.1f}{ends[k] if several else ''}" for k in at]
             lines.append(f"| {100 * level:g} %, {way} | " + " | ".join(cells) + " |")
     return lines

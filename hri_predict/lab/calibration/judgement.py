@@ -126,12 +126,12 @@ def _pooled(judged: ZoneJudgement) -> list[Table]:
                 share = coverage.share(of)
                 at = [judged.at(ms) for ms in judged.horizons()]
                 cells = [_percent(share[k], low[k], high[k]) for k in at]
+                if judged.recordings == 1:  # which says nothing of others
+                    cells = [percent(share[k]) for k in at]
                 rows.append((f"{100 * level:g} %", *cells))
             subject = "each joint" if of == "joint" else "the whole body"
-            title = (
-                f"Measured coverage of {subject}, {way}, % [95 % interval, "
-                f"{judged.recordings} recordings]"
-            )
+            sure = f" [95 % interval, {judged.recordings} recordings]"
+            title = f"Measured coverage of {subject}, {way}, %{sure * (judged.recordings > 1)}"
             found.append(Table(title, columns, tuple(rows)))
     return found
 

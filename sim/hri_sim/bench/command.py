@@ -147,9 +147,9 @@ def bench(
         for name, found in told.items():
             table.show(console, f"{name}: {SECTIONS[name].about}", found)
         if before is not None:
-            table.show_changes(console, changes, factor)
             for line in saved.other_machine(before[0], machine):
                 console.print(f"- {line}", markup=False, highlight=False)
+            table.show_changes(console, changes, factor)
         console.print(saved.described(machine), markup=False, highlight=False)
     if written := [path for path in (save, plot) if path is not None]:
         tell(written)

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli.common import JsonOption
+from hri_predict.cli.common import JsonOption, warn
 from hri_predict.node.listeners import Tick
 from hri_predict.run import config as configuration
 from hri_predict.run.runtime import stop_on_signals
@@ -50,7 +50,8 @@ def faults(
 
     with stop_on_signals(stop):
         for row in run_table(only):
-            if stop.is_set():  # the row was cut short
+            if stop.is_set():
+                warn(f"stopped by a signal in {row.fault}; faults measured before: {len(rows)}")
                 raise KeyboardInterrupt
             rows.append(row)
             print(f"{'ok  ' if row.fine else 'FAIL'} {row.fault}", file=sys.stderr)

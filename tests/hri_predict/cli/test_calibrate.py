@@ -127,6 +127,9 @@ def test_a_check_without_matplotlib_has_tables_alone(cli, folder, made, tmp_path
     status, _, err = cli(*CV, "--data", folder / "walking_0.npz", *wanted)
     assert (status, err.count(no_matplotlib)) == (0, 1)
     assert sorted(path.name for path in out.iterdir()) == ["zones.json", "zones.md"]
+    measured = (out / "zones.md").read_text()
+    assert "Measured coverage of each joint, as calibrated, %\n" in measured
+    assert "interval" not in measured  # one recording says nothing of others
 
 
 @pytest.mark.parametrize(

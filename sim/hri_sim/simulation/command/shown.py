@@ -108,7 +108,7 @@ def distances(request: DistanceRequest, *, as_json: bool) -> int:
     """Measure all cases of the working distance; print a table."""
     from hri_sim.simulation.distance import run as measured
 
-    with counting("people") as count:
+    with counting("cases") as count:
         report = measured.run(request, count)
     if as_json:
         print(report.json)

@@ -10,7 +10,7 @@ from hri_predict.run.working_distance.measure import FAST
 from hri_predict.run.working_distance.waterfall import TERMS, Waterfall, rest_text
 from hri_sim.simulation.distance.work import Case
 
-_STYLES, _MARKERS = ("-", "--", "-.", ":"), ("", "o", "s")
+_STYLES, _MARKERS = ("-", "--", "-.", ":"), ("", "o", "s", "^", "x")
 _DPI = 130
 
 
@@ -59,12 +59,15 @@ def falling(case: Case, found: Waterfall) -> Figure:
 
 
 def speeds(found: Found) -> Figure:
-    """Plot one panel per person, one line per mode and sight: the speed held 90 % of the time."""
+    """Plot one panel per person, one line per predictor, mode and sight: the speed held 90 % of
+    the time.
+    """
     least_m = min(case.noise_m for case, _ in found)
     shown = [(case, result) for case, result in found if case.noise_m == least_m]
     people = list(dict.fromkeys(case.activity.text for case, _ in shown))
     modes = list(dict.fromkeys(mode for _, result in shown for mode in result))
-    figure = Figure(figsize=(9, 1 + 2.8 * len(people)), layout="constrained")
+    several = len({case.predictor for case, _ in shown}) > 1
+    figure = Figure(figsize=(10, 1 + 2.8 * len(people)), layout="constrained")
     panels = figure.subplots(len(people), 1, sharex=True, squeeze=False)[:, 0]
     for panel, person in zip(panels, people, strict=True):
         mine = [each for each in shown if each[0].activity.text == person]
@@ -72,6 +75,7 @@ def speeds(found: Found) -> Figure:
             for mode, values in result.items():
                 at_m, _, held = zip(*values["curve"], strict=True)
                 label = mode if mode == "foreknown" else f"{mode}, {case.sight.name}"
+                label += f", {case.predictor}" if several else ""
                 colour = PALETTE[modes.index(mode) % len(PALETTE)]
                 again, first = divmod(k, len(_STYLES))
                 style = _STYLES[first] + _MARKERS[again % len(_MARKERS)]
@@ -82,7 +86,7 @@ def speeds(found: Found) -> Figure:
         panel.set_ylabel("speed, m/s")
         panel.set_ylim(bottom=0)
         panel.grid(alpha=0.3)
-        panel.legend(fontsize=7, ncols=2)
+        panel.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     panels[-1].set_xlabel("distance of the person's mean place from the robot's base, m")
     figure.suptitle("Speed permitted for 90 % of the time", fontsize=11)
     return figure

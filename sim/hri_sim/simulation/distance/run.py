@@ -93,7 +93,7 @@ def run(request: DistanceRequest, progress: Callable[..., None]) -> SimulationRe
     with workers_for(request.jobs, request.cluster, _reads(plan, cases)) as workers:
         for place, result in workers.each(_call, tasks):
             done[place] = result
-            name = "terms" if place < ahead else _name(cases[place - ahead])
+            name = "the largest terms" if place < ahead else _name(cases[place - ahead])
             progress(len(done), len(tasks), name)
     found = [(case, done[place]) for place, case in enumerate(cases, start=ahead)]
     terms = None if split is None else (split, done[0])
@@ -129,7 +129,7 @@ def _reads(plan: DistancePlan, cases: Sequence[Case]) -> list[Path]:
 
 def _name(case: Case) -> str:
     noise = f", noise {100 * case.noise_m:g} cm" if case.noise_m else ""
-    return f"{case.activity.text}, {case.sight.name}{noise}"
+    return ", ".join(filter(None, (case.activity.text, case.sight.name + noise, case.predictor)))
 
 
 def _call(function: Callable[[DistancePlan, Case], Any], plan: DistancePlan, case: Case) -> Any:
