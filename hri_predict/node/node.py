@@ -132,8 +132,8 @@ class Node:
     def receive(self, scene: Scene, receipt_ns: int) -> None:
         """Receive a scene from the source (called by the source's thread)."""
         self.scenes_in += 1
-        self.frames_in += len(scene.people)
         try:
+            self.frames_in += len(scene.people)
             self._people.receive(scene, receipt_ns)
         except Exception:  # the next scenes would look as if nobody had been in this one
             if self._people.lose_scene(receipt_ns) % 1000 == 1:

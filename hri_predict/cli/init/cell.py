@@ -1,7 +1,6 @@
 """The configuration that ``init`` writes, built from a few answers."""
 
 import math
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -96,7 +95,8 @@ _FORMS = {
     "serial": "serial:PORT, such as serial:/dev/ttyUSB0",
 }
 """Kinds of links that are written with the place of their device."""
-_BAUD_RATE = re.compile(r":(\d{4,})$")
+_OWN_COLONS = ("/dev/serial/",)
+"""Starts of ports whose names may have colons, as URLs have: the topology of USB."""
 _DEVICES = {"can": "can", "vcan": "can", "slcan": "can", "tty": "serial", "/dev/": "serial"}
 """Start of a device's name, given instead of a link -> kind of the link."""
 
@@ -106,6 +106,10 @@ def _meant(text: str) -> str | None:
     device = next((kind for start, kind in _DEVICES.items() if text.startswith(start)), None)
     kind = device or next((each for each in _FORMS if f"'{each}'" in nearest(text, _FORMS)), None)
     return None if kind is None else _FORMS[kind]
+
+
+def _is_rate(text: str) -> bool:
+    return text.isascii() and text.isdigit() and int(text[:9]) >= 1200 and len(text) < 9
 
 
 def link_block(text: str, taken: list[str]) -> dict[str, Any]:
@@ -120,13 +124,18 @@ def link_block(text: str, taken: list[str]) -> dict[str, Any]:
         interface, colon, channel = rest.partition(":")
         if not (interface and colon and channel):
             raise ConfigError(f"write {_FORMS['can']}")
+        if interface == "socketcan" and ":" in channel:
+            raise ConfigError(
+                f"write can:socketcan:{channel.partition(':')[0]}; `ip link` sets its bit rate"
+            )
         given = {"interface": interface, "channel": channel}
     elif kind == "serial":
         if not rest:
             raise ConfigError(f"write {_FORMS['serial']}")
-        if (speed := _BAUD_RATE.search(rest)) and "://" not in rest:
-            key = f"links.{len(taken)}.baudrate={speed[1]}"
-            raise ConfigError(f"write serial:{rest[: speed.start()]}, and --set {key}")
+        port, colon, rate = rest.partition(":")
+        if colon and "://" not in rest and not rest.startswith(_OWN_COLONS):
+            key = f"links.{len(taken)}.baudrate={rate if _is_rate(rate) else 'RATE'}"
+            raise ConfigError(f"write serial:{port or 'PORT'}, and for its baud rate --set {key}")
         given = {"port": rest}
     elif rest:
         raise ConfigError("write only the kind, and set its keys with --set links.0.KEY=VALUE")

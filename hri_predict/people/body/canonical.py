@@ -11,7 +11,7 @@ from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.scene import Person, sound_error_m
 from hri_predict.people.body.size import are_human_sized
-from hri_predict.people.body.unseen import at_origin, contradicts, out_of_reach
+from hri_predict.people.body.unseen import at_origin, collapsed, contradicts, out_of_reach
 from hri_predict.people.track import Body
 
 HIP_CENTRED_M = 0.35
@@ -29,7 +29,8 @@ class Mapped(NamedTuple):
         body: ``None`` if no joint is usable.
         trouble: the counter for its fault; ``None``: no fault.
         unusable: number of observed joints without valid coordinates.
-        unseen: number of observed joints at the source's origin, or too far from the others.
+        unseen: number of observed joints at the source's origin, too far from the others, or of a
+            limb without length.
         hip_centred: whether the waist is at the source's origin, with the rest of the body around
             it.
         misnamed: whether the joints contradict each other, as with a wrong joint map. The body is
@@ -99,9 +100,11 @@ def _bodies(people: Sequence[Person], joint_map: JointMap, origin: Floats) -> It
     lost = ~usable.any(axis=1) | (2 * away.sum(axis=1) > observed.sum(axis=1))
     joints, seen = joint_map.map(np.where(usable[..., None], positions, 0.0), usable)
     seen = seen & np.isfinite(joints).all(axis=-1)
-    sized, apart = are_human_sized(joints, seen), contradicts(joints, seen)
+    sized, fallen = are_human_sized(joints, seen), collapsed(joints, seen)
+    seen = seen & ~fallen
+    apart = contradicts(joints, seen)
     for n, person in enumerate(people):
-        counts = int(unusable[n]), int(nowhere[n].sum())
+        counts = int(unusable[n]), int(nowhere[n].sum() + fallen[n].sum())
         if lost[n]:
             yield Mapped(None, "unusable_bodies" if unusable[n] else None, *counts)
         elif not seen[n].any():

@@ -1,13 +1,15 @@
-"""Joints that a source sent without seeing them: at its own origin, or too far from the body.
+"""Joints that a source sent without seeing them: at its own origin, too far from the body, or at
+the place of the limb's next joint.
 
 Many trackers write a lost joint as 0, 0, 0. This is the position of the sensor or of the room's
-origin, and a limb that ends there is metres long. Neither is a measurement.
+origin, and a limb that ends there is metres long. Others put it where the joint before it is, or
+read the depth of a hand for the elbow behind it. None of these is a measurement.
 """
 
 import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
-from hri_predict.base.skeleton import CANONICAL
+from hri_predict.base.skeleton import CANONICAL, JOINTS
 
 SLACK_M = 0.15
 """Maximum excess of the distance between two joints over the longest bones between them, due to
@@ -18,6 +20,20 @@ MISNAMED = 0.3
 position of the body may still be right."""
 WHOLE_BODY_JOINTS = 8
 """Minimum number of joints of a whole body."""
+LEAST_BONE_M = 0.06
+"""Minimum length of an upper arm, forearm, thigh or shank. The shortest in 309 recordings of adults
+and trackers was 0.12 m."""
+_LIMBS = [
+    [CANONICAL.index(f"{side}_{name}") for name in names]
+    for side in "lr"
+    for names in (("shoulder", "elbow", "wrist", "hand"), ("hip", "knee", "ankle", "foot"))
+]
+_START = np.array([joint for limb in _LIMBS for joint in limb[:2]])
+_END = np.array([joint for limb in _LIMBS for joint in limb[1:3]])
+_FROM_START = np.array(
+    [np.isin(np.arange(len(JOINTS)), limb[k:]) for limb in _LIMBS for k in range(2)]
+)
+"""(B, J) both ends of each bone, and the joints beyond it."""
 _MOST_APART = CANONICAL.reach + SLACK_M
 _MOST_APART_2 = _MOST_APART**2
 
@@ -26,6 +42,21 @@ def at_origin(positions: Floats, origin: Floats) -> Bools:
     """Return (...,) whether joints (..., 3) are exactly at their source's origin (3,)."""
     there: Bools = np.asarray((positions == origin).all(axis=-1))
     return there
+
+
+def collapsed(positions: Floats, observed: Bools) -> Bools:
+    """Return (n, J) which observed joints belong to a limb's bone that has no length, or lie beyond
+    it: either end may be the wrong one.
+
+    Args:
+        positions: (n, J, 3) metres; finite where observed.
+        observed: (n, J).
+    """
+    bone = positions[:, _START] - positions[:, _END]
+    short = np.einsum("nbi,nbi->nb", bone, bone) < LEAST_BONE_M**2
+    short &= observed[:, _START] & observed[:, _END]
+    found: Bools = observed & (short @ _FROM_START)
+    return found
 
 
 def contradicts(positions: Floats, observed: Bools) -> Bools:

@@ -45,10 +45,11 @@ def faults(
 
     Example: hri-predict bench faults --only monitor
     """
-    rows, stop = [], threading.Event()
+    from hri_sim.fault_table.outcome import FaultOutcome
     from hri_sim.fault_table.table import run_table
 
-    with stop_on_signals(stop):
+    rows: list[FaultOutcome] = []
+    with stop_on_signals(stop := threading.Event()):
         for row in run_table(only):
             if stop.is_set():
                 warn(f"stopped by a signal in {row.fault}; faults measured before: {len(rows)}")

@@ -3,6 +3,7 @@
 import pytest
 
 from hri_predict.contracts.link import Received
+from hri_predict.contracts.scene import Scene
 from hri_predict.node.presses import QUIET_S
 from hri_predict.protocol.messages import Acknowledge, NodeState
 from hri_predict.protocol.reasons import Reason
@@ -166,3 +167,13 @@ def test_after_a_scene_that_could_not_be_processed_somebody_may_be_anywhere(
     assert not tick.advices[0].level.may_move
     drive, _ = heard(near)
     assert press(near, drive, tick.advices[0].latch_id, 7).status.reason is Reason.NONE
+
+
+@pytest.mark.parametrize("people", [None, 5, iter(())], ids=["none", "5", "iterator"])
+def test_people_who_cannot_be_counted_may_be_anywhere(near, caplog, people):
+    near.run(0.4)
+    near.node.receive(Scene(near.clock.now_ns(), 1000, True, people), near.clock.now_ns())
+    tick = near.run(QUIET_S + 1.0)[-1]
+    assert "could not be processed" in caplog.text
+    assert near.node.people_counters["failed_scenes"] == 1
+    assert tick.status.reason is Reason.ROOM_NOT_SEEN_EMPTY

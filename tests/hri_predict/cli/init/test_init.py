@@ -226,7 +226,33 @@ def test_somebody_elses_schema_is_never_replaced_without_force(call, tmp_path):
         ),
         (
             ["--yes", "--link", "can:socketcan:can0", "--link", "serial:COM3:460800"],
-            "--link serial:COM3:460800: write serial:COM3, and --set links.1.baudrate=460800",
+            "--link serial:COM3:460800: write serial:COM3, and for its baud rate --set "
+            "links.1.baudrate=460800",
+        ),
+        *(
+            (
+                ["--yes", "--link", f"serial:COM3:{rate}"],
+                f"--link serial:COM3:{rate}: write serial:COM3, and for its baud rate --set "
+                "links.0.baudrate=RATE",
+            )
+            for rate in (
+                "",
+                "0",
+                "-5",
+                "1e5",
+                "115200:8N1",
+                "\u0661\u0661\u0665\u0662\u0660\u0660",
+                "9" * 20,
+            )
+        ),
+        (
+            ["--yes", "--link", "serial::115200"],
+            "--link serial::115200: write serial:PORT, and for its baud rate --set "
+            "links.0.baudrate=115200",
+        ),
+        (
+            ["--yes", "--link", "can:socketcan:can0:500000"],
+            "--link can:socketcan:can0:500000: write can:socketcan:can0; `ip link` sets its bit",
         ),
         (
             ["--yes", "--link", "modbuss"],
