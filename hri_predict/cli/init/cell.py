@@ -109,7 +109,7 @@ def _meant(text: str) -> str | None:
 
 
 def _is_rate(text: str) -> bool:
-    return text.isascii() and text.isdigit() and int(text[:9]) >= 1200 and len(text) < 9
+    return text.isascii() and text.isdigit() and len(text) < 8 and int(text) >= 1200
 
 
 def link_block(text: str, taken: list[str]) -> dict[str, Any]:

@@ -20,14 +20,15 @@ STRAY = 0.25
 ``track``."""
 LONG_BONE_M = 0.1
 """Minimum length of the longest limb bone (upper arm, forearm, thigh or shank), even of a child."""
-_LONG = np.array(
+LIMB_BONES = np.array(
     [
         (segment.joint_a, segment.joint_b)
         for segment in CANONICAL.segments
         if segment.name[2:] in ("upper_arm", "forearm", "thigh", "shank")
     ]
 )
-_START, _END = _LONG.T
+"""(B, 2) joints at both ends of each."""
+_START, _END = LIMB_BONES.T
 
 
 def are_human_sized(positions: Floats, observed: Bools) -> Bools:

@@ -10,6 +10,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import CANONICAL, JOINTS
+from hri_predict.people.body.size import LIMB_BONES
 
 SLACK_M = 0.15
 """Maximum excess of the distance between two joints over the longest bones between them, due to
@@ -21,19 +22,21 @@ position of the body may still be right."""
 WHOLE_BODY_JOINTS = 8
 """Minimum number of joints of a whole body."""
 LEAST_BONE_M = 0.06
-"""Minimum length of an upper arm, forearm, thigh or shank. The shortest in 309 recordings of adults
-and trackers, five captures a second, was 0.11 m."""
-_LIMBS = [
-    [CANONICAL.index(f"{side}_{name}") for name in names]
-    for side in "lr"
-    for names in (("shoulder", "elbow", "wrist", "hand"), ("hip", "knee", "ankle", "foot"))
-]
-_START = np.array([joint for limb in _LIMBS for joint in limb[:2]])
-_END = np.array([joint for limb in _LIMBS for joint in limb[1:3]])
-_FROM_START = np.array(
-    [np.isin(np.arange(len(JOINTS)), limb[k:]) for limb in _LIMBS for k in range(2)]
-)
-"""(B, J) both ends of each bone, and the joints beyond it."""
+"""Minimum length of each limb bone; ``size.LONG_BONE_M`` is that of the longest. The
+shortest in 309 recordings of adults and trackers, five captures a second, was 0.11 m."""
+_START, _END = LIMB_BONES.T
+
+
+def _from_bone_on(start: int, end: int) -> Bools:
+    """Return (J,) the two ends of a limb's bone, and the joints beyond it."""
+    beyond = [end]
+    for segment in CANONICAL.segments:  # along each limb
+        if segment.joint_a in beyond:
+            beyond.append(segment.joint_b)
+    return np.isin(np.arange(len(JOINTS)), [start, *beyond])
+
+
+_FROM_BONE_ON = np.array([_from_bone_on(start, end) for start, end in LIMB_BONES])
 _MOST_APART = CANONICAL.reach + SLACK_M
 _MOST_APART_2 = _MOST_APART**2
 
@@ -55,7 +58,7 @@ def collapsed(positions: Floats, observed: Bools) -> Bools:
     bone = positions[:, _START] - positions[:, _END]
     short = np.einsum("nbi,nbi->nb", bone, bone) < LEAST_BONE_M**2
     short &= observed[:, _START] & observed[:, _END]
-    found: Bools = observed & (short @ _FROM_START)
+    found: Bools = observed & (short @ _FROM_BONE_ON)
     return found
 
 
